@@ -225,7 +225,10 @@ class GroundOptions(VehicleOptions, TerrainOptions):
         """As `TerrainOptions.read`; a warning says where cells of the file lie on a map that was
         made finer.
         """
-        dem = super().read(path)
+        return self.made_finer(super().read(path), "file")
+
+    def made_finer(self, dem: "Dem", what: str) -> "Dem":
+        """The map with finer cells, if these are asked for; `what` it is, for the warning."""
         if self.resample is None:
             return dem
         finer = dem.resampled(self.resample)
@@ -233,7 +236,7 @@ class GroundOptions(VehicleOptions, TerrainOptions):
         times = dem.cell_size_m / finer.cell_size_m
         warnings.warn(
             f"resampled to {rows} × {cols} cells of {finer.cell_size_m:g} m: cell (row, col) of "
-            "the file is now "
+            f"the {what} is now "
             f"({times:.4g} row, {times:.4g} col); xy:X,Y is the same place on both maps",
             stacklevel=2,
         )

@@ -17,7 +17,7 @@ from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.planners.tour import Tour
 from nnpp_edge.runtime.robots.slope.cost import unit_of
 from nnpp_edge.terrain.route import Route
-from nnpp_edge.viz.picture import png_bytes
+from nnpp_edge.viz.picture import Reached, png_bytes
 from nnpp_edge.viz.sheet import Picture, metres
 
 _PROPERTIES = ("status", "method", "source", "cost")
@@ -59,8 +59,8 @@ class Answer:
     step_cost: str = "paper"
     tour: Tour | None = None
     """Where the path leads by way of other places."""
-    reached: int | None = None
-    """Cells that can be reached from the start, where no path leads to the goal."""
+    ended: Reached | None = None
+    """Where no path leads to the goal."""
     hard_slope_deg: float = math.inf
     """Slope of a cell's fitted plane beyond which it is impassable; inf without a limit, or where
     poses decide.
@@ -143,7 +143,11 @@ class Answer:
             "files": files,
         }
         figures |= {name: value for name, value in more.items() if value}
-        return figures if self.reached is None else figures | {"reached_cells": self.reached}
+        if self.ended is not None:
+            figures["reached_cells"] = int(self.ended.cells.sum())
+            figures["reached_from"] = self.ended.begun
+            figures["closest_cell"] = self.ended.closest
+        return figures
 
     def properties(self) -> dict[str, object]:
         """Figures that the path carries in files for maps."""
@@ -185,10 +189,14 @@ class Answer:
             yield "CC", f"{plan.traverse_cost:.6g}"
         elif len(plan.path):
             yield "path", f"{len(plan.path)} cells so far, {length}"
-        if self.reached is not None:
+        if self.ended is not None:
             limit = f"; cells steeper than {self.hard_slope_deg:g}° are impassable"
             limited = limit if isfinite(self.hard_slope_deg) else ""
-            yield "reached", f"{self.reached} cells of the map, from the start{limited}"
+            begun = self.ended.begun
+            other = "goal" if begun == "start" else "start"
+            reached = f"{self.ended.cells.sum()} cells of the map, from the {begun}"
+            closest = f"{self.ended.closest} is the closest to the {other}"
+            yield "reached", f"{reached}; {closest}{limited}"
         if self.vehicle is not None and plan.ok and "tilt_deg" in self.route.standing:
             worst = self.route.worst
             angles = [

@@ -1,7 +1,9 @@
 """Planning for `nnpp-edge plan`, on maps in memory and on larger ones."""
 
 import math
+import warnings
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -9,15 +11,15 @@ from statistics import median
 
 import numpy as np
 
-from nnpp_edge.cli.ground_options import GroundOptions
+from nnpp_edge.cli.ground_options import GroundOptions, TerrainOptions
 from nnpp_edge.cli.maps import (
     Near,
+    chart_of,
     cost_of,
     priced,
     refuse,
     refuse_map,
     refuse_outside,
-    shade_of,
     warn_if_not_square,
 )
 from nnpp_edge.cli.plan_answer import Answer
@@ -26,9 +28,9 @@ from nnpp_edge.cli.text import Row
 from nnpp_edge.progress import bar
 from nnpp_edge.runtime import Ground, Method, Plan, Planner, Traversability, exercises
 from nnpp_edge.runtime.arrays import Float2D, Floats, headings_along
-from nnpp_edge.runtime.cells import Cell, widened
+from nnpp_edge.runtime.cells import Cell, holding, nearest, widened
 from nnpp_edge.runtime.compiled.notice import told_if_slow
-from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.errors import InvalidQueryError, TerrainError
 from nnpp_edge.runtime.map.along import Along
 from nnpp_edge.runtime.memory import peak_bytes
 from nnpp_edge.runtime.network import loading
@@ -40,7 +42,7 @@ from nnpp_edge.runtime.tuning import LARGE_MAP
 from nnpp_edge.terrain.dem import Dem, DemWindows
 from nnpp_edge.terrain.georeference import Place
 from nnpp_edge.terrain.route import Route
-from nnpp_edge.viz.picture import body_outlines, plan_picture, refused_on
+from nnpp_edge.viz.picture import Chart, Reached, body_outlines, plan_picture, refused_on
 from nnpp_edge.viz.sheet import Picture
 
 _REPEATS = 3
@@ -52,7 +54,7 @@ _MOST_PIXELS = 2000
 """Of a picture's longer side: as many as `viz` draws."""
 
 
-def _ends(request: PlanRequest, place: Place) -> tuple[Cell, list[Cell], list[Cell]]:
+def _ends(request: PlanRequest, place: Place) -> "Ends":
     """Cells of the map that a path is to lead from, through and to.
 
     InvalidQueryError for several starts, goals with way points, and what lies outside the map.
@@ -64,6 +66,40 @@ def _ends(request: PlanRequest, place: Place) -> tuple[Cell, list[Cell], list[Ce
         raise InvalidQueryError(f"--goal, with --via, must be one place, got {len(goals)}")
     refuse_outside(start, goals, place)
     return start, via, goals
+
+
+Ends = tuple[Cell, list[Cell], list[Cell]]
+
+
+def _read(request: PlanRequest, path: Path, robot: GroundOptions) -> tuple[Dem, Ends]:
+    """The map, or of it what lies around the ends, and these on it."""
+    if request.crop is None:
+        dem = robot.read(path)
+        return dem, _ends(request, dem)
+    with ExitStack() as stack:
+        whole: Dem | DemWindows
+        try:
+            whole = stack.enter_context(robot.open(path))
+        except TerrainError:  # of a format that is read as a whole
+            whole = TerrainOptions.read(robot, path)
+        start, via, goals = _ends(request, whole)
+        around = holding(np.clip([start, *via, *goals], 0, np.subtract(whole.shape, 1)))
+        sides = (whole.cell_size_m, whole.cell_width_m)
+        margin = tuple(math.ceil(min(request.crop / side, 1e9)) for side in sides)
+        part = widened(around, margin, whole.shape)
+        cut = whole.part(part)
+    dem = robot.made_finer(cut, "part")
+    row, col, rows, cols = part
+    warnings.warn(
+        f"cut out {rows} × {cols} cells: cell (row, col) of the file is now (row - {row}, "
+        f"col - {col}); xy:X,Y is the same place on both maps",
+        stacklevel=2,
+    )
+
+    def moved(cells: list[Cell]) -> list[Cell]:
+        return [dem.cell_of(*whole.located.map_coordinates(*cell)) for cell in cells]
+
+    return dem, (moved([start])[0], moved(via), moved(goals))
 
 
 def plan_in_memory(
@@ -79,16 +115,16 @@ def plan_in_memory(
     """Plan on a map that is read into memory: to the nearest goal, or by way of other places."""
     body = robot.body()
     with told_if_slow(f"reading {path}"):
-        dem = robot.read(path)
-    start, via, goals = _ends(request, dem)
+        dem, (start, via, goals) = _read(request, path, robot)
     method = query.pop("method", Method.AUTO)
     may_ask = method == "nnpp" or (method == "auto" and max(dem.shape) >= LARGE_MAP)
     if may_ask and (body is None or body.is_disc):
         loading.begin_loading(model)
     warn_if_not_square(dem)
-    ground = robot.of(dem)
-    limits = ground.limits
-    cost = cost_of(dem, limits)
+    with told_if_slow("costs of the map"):
+        ground = robot.of(dem)
+        limits = ground.limits
+        cost = cost_of(dem, limits)
     if not (cost < 1.0).any():
         refuse_map(dem)
     body = ground.vehicle
@@ -101,21 +137,29 @@ def plan_in_memory(
         exercises.exercise()
     wanted: PlanOptions = {**query, "method": method, "keep_regions": drawn}
     tour = None
-    if via:
-        tour = planner.plan_via(start, goals[0], via, best_order=request.best_order, **wanted)
-        ranked = [(goals[0], tour.plan)]
-    else:
-        found = planner.nearest(start, goals, count=len(goals), **wanted)
-        ranked = [(goals[at], plan) for at, plan in found]
+    with told_if_slow("planning"):
+        if via:
+            tour = planner.plan_via(start, goals[0], via, best_order=request.best_order, **wanted)
+            ranked = [(goals[0], tour.plan)]
+        else:
+            found = planner.nearest(start, goals, count=len(goals), **wanted)
+            ranked = [(goals[at], plan) for at, plan in found]
     goal, plan = ranked[0]
     if plan.source is None:  # no search was made
         refuse(plan.status, start, goal, near)
     compared = list[Row]()
     exact = None
     if request.compare:
-        plan, compared, exact = _compare(partial(planner.plan, start, goal, **query), plan)
-    plan = _on_the_ground(plan, ground)
-    route = _route(plan, cost, dem, ground, planner)
+        with told_if_slow("comparing methods"):
+            plan, compared, exact = _compare(partial(planner.plan, start, goal, **query), plan)
+    with told_if_slow("measuring the path"):
+        plan = _on_the_ground(plan, ground)
+        route = _route(plan, cost, dem, ground, planner)
+    ended = None
+    if plan.status == "NO_PATH" and len(goals) == 1 and not tour and "refine" not in query:
+        cells, from_start = planner.came_to(start)
+        begun, other = ("start", goal) if from_start else ("goal", start)
+        ended = Reached(cells, begun, nearest(cells, other) or start)
 
     def picture() -> Picture:
         beside = None
@@ -133,23 +177,21 @@ def plan_in_memory(
             beside = planner_of(other).plan(start, goal, method="astar").path
         headings = None if plan.drive is None else plan.drive.poses[:, 2]
         return plan_picture(
-            cost,
+            chart_of(dem, cost),
             plan,
             start=start,
             goal=goal,
             via=tour.stops[1:-1] if tour else (),
-            shade=shade_of(dem) if request.hillshade else None,
             reference_path=(exact.path if exact.states is None else exact.line)
             if exact and exact.ok and plan.method != exact.method
             else None,
-            cell_size_m=dem.cell_width_m,
             length_m=route.length_m,
             outlines=body_outlines(plan.line, body, ground.sides_m, headings) if body else (),
             refused=refused_on(planner),
             point_path=beside,
+            reached=ended,
         )
 
-    shut_in = plan.status == "NO_PATH" and tour is None and "refine" not in query
     return Answer(
         plan,
         route,
@@ -162,7 +204,7 @@ def plan_in_memory(
         vehicle=body,
         step_cost=robot.step_cost,
         tour=tour and tour.told(lambda leg: _on_the_ground(leg, ground)),
-        reached=int(np.isfinite(planner.reach(start)).sum()) if shut_in else None,
+        ended=ended,
         hard_slope_deg=limits.hard_slope_deg,
     )
 
@@ -181,7 +223,6 @@ def plan_by_windows(
     unfit = {
         f"--method {method}": method in ("astar", "nnpp"),
         "--compare": request.compare,
-        "--hillshade": request.hillshade,
         "--refine": "refine" in query,
         "--start-heading, --goal-heading": any(name.endswith("_deg") for name in query),
         "--resample": robot.resample is not None,
@@ -233,13 +274,13 @@ def plan_by_windows(
     def picture() -> Picture:
         places = (start, goal, *(tour.stops[1:-1] if tour else ()))
         first, last, *between = [(row // factor, col // factor) for row, col in places]
+        sides_m = (ground.cell_size_m * factor, ground.cell_width_m * factor)
         return plan_picture(
-            cost,
+            Chart(cost, None, sides_m, ground.north_deg),
             replace(plan, path=plan.path // factor),
             start=first,
             goal=last,
             via=between,
-            cell_size_m=ground.cell_width_m * factor,
             length_m=route.length_m,
         )
 

@@ -55,7 +55,6 @@ def command(
     robot: GroundOptions,
     levels: Annotated[int, click.IntRange(1, 24), "Number of areas."] = 4,
     steps: StepOptions,
-    hillshade: options.Hillshade = False,
     output: Annotated[
         Path | None,
         "-o",
@@ -99,7 +98,7 @@ def command(
 
     import numpy as np
 
-    from nnpp_edge.cli.maps import Near, cost_of, priced, refuse, shade_of, size_in_words, size_of
+    from nnpp_edge.cli.maps import Near, chart_of, cost_of, priced, refuse, size_in_words, size_of
     from nnpp_edge.files import write_all
     from nnpp_edge.runtime import Planner
     from nnpp_edge.runtime.planners.query import problem_with
@@ -132,12 +131,10 @@ def command(
     if paths:
         figures["files"] = files
         picture = reach_picture(
-            cost,
+            chart_of(terrain, cost),
             found.field,
             [(level, words(level)) for level in found.levels],
             cell,
-            shade=shade_of(terrain) if hillshade else None,
-            cell_size_m=terrain.cell_width_m,
         )
         contents = (
             raster_bytes(paths[0], found.raster(), terrain),

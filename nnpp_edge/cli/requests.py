@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import click
 
-from nnpp_edge.cli import options
 from nnpp_edge.cli.options import MANY, Parsed
 
 if TYPE_CHECKING:
@@ -98,7 +97,10 @@ class PlanRequest:
         False
     )
     compare: Annotated[bool, "Plan with exact A* and the corridor planner too."] = False
-    hillshade: options.Hillshade = False
+    crop: Annotated[
+        float | None,
+        "Read and search only the map this many metres around start, goal and via.",
+    ] = None
 
     def __post_init__(self) -> None:
         """Refuse what does not go together."""

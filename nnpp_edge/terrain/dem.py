@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from nnpp_edge.runtime.arrays import Float2D, Float32, unmasked
-from nnpp_edge.runtime.cells import Rectangle, Shape
+from nnpp_edge.runtime.cells import Rectangle, Shape, slices
 from nnpp_edge.runtime.errors import InvalidQueryError, TerrainError
 from nnpp_edge.runtime.map.along import heights_at
 from nnpp_edge.runtime.reading import problem_with_file, refused_as
@@ -60,6 +60,10 @@ class Dem(Place):
         """The heights of a square of so many cells to a side, at a random place: a view."""
         row, col = (int(rng.integers(0, cells - side + 1)) for cells in self.shape)
         return self.elevation[row : row + side, col : col + side]
+
+    def part(self, part: Rectangle) -> "Dem":
+        """A rectangle of this map; every cell keeps its coordinates."""
+        return part_of(self, part, self.elevation[slices(part)])
 
     def rescaled(self, cell_size_m: float) -> "Dem":
         """This terrain grown or shrunk to cells of `cell_size_m`: heights follow, so slopes stay.
@@ -111,6 +115,15 @@ class Dem(Place):
             cell_width_m=width,
             georeference=place,
         )
+
+
+def part_of(place: Place, part: Rectangle, elevation: Float2D) -> Dem:
+    """The heights of a rectangle of a map as a map; every cell keeps its coordinates."""
+    located = place.located
+    a, b, _, d, e, _ = located.transform
+    x, y = located.map_coordinates(part[0] - 0.5, part[1] - 0.5)
+    moved = Georeference(located.crs, (a, b, x, d, e, y))
+    return Dem(elevation.copy(), place.cell_size_m, place.cell_width_m, moved, place.source)
 
 
 MOST_RESAMPLED = 1 << 22
@@ -240,6 +253,10 @@ class DemWindows(Place):
     def block(self) -> Shape:
         """Rows and columns of a stored block."""
         return self.raster.block
+
+    def part(self, part: Rectangle) -> Dem:
+        """As `Dem.part`."""
+        return part_of(self, part, self.read(part))
 
     def read(self, part: Rectangle) -> Float2D:
         """(rows, cols) float32 heights of a rectangle, as `read_dem` gives them; TerrainError for a

@@ -31,7 +31,8 @@ from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.route import Route, places_of
 from nnpp_edge.view.asked import Asked, Site, command_of
 from nnpp_edge.view.landscape import Landscape, painted
-from nnpp_edge.viz.picture import REFUSED, hillshade, refused_on
+from nnpp_edge.viz.palette import REFUSED
+from nnpp_edge.viz.picture import hillshade, refused_on
 
 IMPASSABLE = 255
 UNKNOWN = 0

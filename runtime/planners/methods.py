@@ -1,6 +1,7 @@
 """The ways of finding a path on one map: what they share is made when first needed."""
 
-from functools import cached_property
+from collections.abc import Callable
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -57,7 +58,7 @@ def pick_method(
         )
     # the figures are of the network `edge`
     if max(shape) >= LARGE_MAP and apart >= FAR and Path(file_of(model)).stem == "edge":
-        return Method.NNPP, f"the fastest from {FAR} cells on, on a large map"
+        return Method.NNPP, f"on a large map mostly the fastest from {FAR} cells on"
     return Method.CORRIDOR, "as fast as the learned region, closer to optimal"
 
 
@@ -259,9 +260,15 @@ class Methods:
                 return Found.of(grid, whole, Source.REGION, None, work)
         return None
 
-    def network_region(self, query: Query, work: Work, searcher: Searcher | None = None) -> Found:
-        """A path in the network's region, else in a wider one, else on the whole map; a near goal
-        by A*.
+    def network_region(
+        self,
+        query: Query,
+        work: Work,
+        searcher: Searcher | None = None,
+        otherwise: Callable[[Query, Work], Found] | None = None,
+    ) -> Found:
+        """A path in the network's region, else in a wider one, else `otherwise`, by default on
+        the whole map; a near goal by A*.
 
         NNPP, sections 4.2 and 4.3. Raises ModelError where the network cannot be loaded.
         """
@@ -284,7 +291,8 @@ class Methods:
             if found is not None and found.suffices(query):
                 break
         else:
-            found = self.search_map(query, work, Source.FALLBACK)
+            search = otherwise or partial(self.search_map, source=Source.FALLBACK)
+            found = search(query, work)
         return found._replace(threshold=td, network_region=at_td)
 
     @property

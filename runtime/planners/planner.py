@@ -7,7 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Unpack
 
 from nnpp_edge.runtime.arguments import checked
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.arrays import Bool, Float2D
 from nnpp_edge.runtime.cells import Cell, as_cell
 from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -251,6 +251,14 @@ class Planner(OnMap):
         """
         return self._reach(start, within)
 
+    @one_at_a_time
+    def came_to(self, start: Cell) -> tuple[Bool, bool]:
+        """Right after a `plan` from this cell with NO_PATH: the cells (H, W) to which its search
+        came, and whether from the start; else from the goal.
+        """
+        memory = self._methods.astar.workspace
+        return self._state.grid.robot.came_to(self._state.grid, as_cell(start, "start"), memory)
+
     def _planned(self, start: Cell, goal: Cell, wishes: Wishes, work: Work) -> Plan:
         refining = self._frees(wishes.refine)
         deadline = Deadline.within(wishes.time_limit_s)
@@ -278,6 +286,16 @@ class Planner(OnMap):
         def find() -> tuple[Found, DynamicMethod, str]:
             by = chosen
             choice = why
+
+            def without_network(query: Query, work: Work) -> Found:
+                nonlocal by, choice
+                by = Method.CORRIDOR
+                choice = "the network's regions hold no path that suffices"
+                return methods.corridor(query, work)
+
+            if wishes.method == Method.AUTO and by is Method.NNPP:
+                found = methods.network_region(query, work, otherwise=without_network)
+                return found, DynamicMethod(by), choice
             if wishes.method == Method.AUTO and by is Method.ASTAR:
                 if (near := methods.search_briefly(query, work)) is not None:
                     return near, DynamicMethod.ASTAR, choice
