@@ -13,7 +13,10 @@ from nnpp_edge.runtime.compiled.notice import told_if_slow
 from nnpp_edge.runtime.options import PlanOptions, StepOptions
 
 _OUTPUT = "Folder for path.geojson, path.csv, plan.png and plan.json."
-_FORMATS = "Also write the path as GeoPackage or GPX, path.gpkg or path.gpx."
+_FORMATS = (
+    "Also write the path as GPX, path.gpx, or as GeoPackage with its stations and legs, path.gpkg "
+    "and for QGIS path.qml."
+)
 _BYTES_PER_CELL = 24
 """At the peak of planning on a whole map: 19 to 23 measured, the most by `nnpp`
 (docs/decisions/maps.md).
@@ -67,11 +70,13 @@ def command(
         "plan.png",
         "plan.json",
         *(f"path.{name}" for name in formats),
+        *(["path.qml"] if "gpkg" in formats else []),
     )
     outputs = [("--output", output / name) for name in names] if output else []
     robot.check_turns(query.get("refine"))
     robot.limits()  # those that make no sense are refused before any work
-    options.check_outputs(*outputs, more_inputs=request.files, make_folders=True)
+    figure = ("--figure", request.figure)
+    options.check_outputs(*outputs, figure, more_inputs=request.files, make_folders=True)
 
     with told_if_slow("loading the package"):
         from nnpp_edge.cli.maps import reads_by_windows
@@ -92,7 +97,7 @@ def command(
         )
     answer.warn_if_close()
     with told_if_slow("drawing and writing"):
-        files = answer.save([path for _, path in outputs])
+        files = answer.save([path for _, path in outputs], request.figure)
     tell(as_json, answer.figures(files), lambda: answer.text(files))
     if not answer.plan.ok:
         click.get_current_context().exit(1)

@@ -8,6 +8,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from statistics import median
+from typing import Unpack
 
 import numpy as np
 
@@ -36,6 +37,7 @@ from nnpp_edge.runtime.memory import peak_bytes
 from nnpp_edge.runtime.network import loading
 from nnpp_edge.runtime.options import PlanOptions, StepOptions
 from nnpp_edge.runtime.planners.query import problem_with
+from nnpp_edge.runtime.planners.tour import Tour
 from nnpp_edge.runtime.planners.windowed import WindowedPlanner
 from nnpp_edge.runtime.robots.body.attitude import attitudes
 from nnpp_edge.runtime.tuning import LARGE_MAP
@@ -85,8 +87,8 @@ def _read(request: PlanRequest, path: Path, robot: GroundOptions) -> tuple[Dem, 
         start, via, goals = _ends(request, whole)
         around = holding(np.clip([start, *via, *goals], 0, np.subtract(whole.shape, 1)))
         sides = (whole.cell_size_m, whole.cell_width_m)
-        margin = tuple(math.ceil(min(request.crop / side, 1e9)) for side in sides)
-        part = widened(around, margin, whole.shape)
+        up, left = (math.ceil(min(request.crop / side, 1e9)) for side in sides)
+        part = widened(around, (up, left), whole.shape)
         cut = whole.part(part)
     dem = robot.made_finer(cut, "part")
     row, col, rows, cols = part
@@ -150,11 +152,15 @@ def plan_in_memory(
     compared = list[Row]()
     exact = None
     if request.compare:
+        by = partial(planner.plan, start, goal, **query)
+        if tour:
+            by = partial(_by_way_of, planner, tour, **query)
         with told_if_slow("comparing methods"):
-            plan, compared, exact = _compare(partial(planner.plan, start, goal, **query), plan)
+            plan, compared, exact = _compare(by, plan)
     with told_if_slow("measuring the path"):
         plan = _on_the_ground(plan, ground)
         route = _route(plan, cost, dem, ground, planner)
+    names = _names(request, dem, tour)
     ended = None
     if plan.status == "NO_PATH" and len(goals) == 1 and not tour and "refine" not in query:
         cells, from_start = planner.came_to(start)
@@ -192,12 +198,21 @@ def plan_in_memory(
             reached=ended,
         )
 
+    def figure(kind: str) -> bytes:
+        from nnpp_edge.viz.plan_figure import plan_figure
+
+        assert plan.along is not None
+        stops = tour.stops if tour else (start, goal)
+        return plan_figure(chart_of(dem, cost), dem, plan.along, stops, names, kind)
+
     return Answer(
         plan,
         route,
         start,
         goal,
         picture,
+        figure,
+        names,
         goals=ranked if len(goals) > 1 else (),
         compared=compared,
         loading_included=not request.compare and "time_limit_s" not in query,
@@ -221,6 +236,7 @@ def plan_by_windows(
     """
     method = query.get("method", Method.AUTO)
     unfit = {
+        "--figure": request.figure is not None,
         f"--method {method}": method in ("astar", "nnpp"),
         "--compare": request.compare,
         "--refine": "refine" in query,
@@ -256,6 +272,7 @@ def plan_by_windows(
             plans = [(goal, planner.plan(start, goal, **within)) for goal in goals]
             ranked = sorted(plans, key=lambda found: (not found[1].ok, found[1].cost))
         goal, plan = ranked[0]
+        names = _names(request, ground, tour)
         if plan.source is None:  # no search was made
             end = start if "START" in plan.status else goal
             refuse(plan.status, start, goal, _around(planner, ground, limits, end))
@@ -290,6 +307,8 @@ def plan_by_windows(
         start,
         goal,
         picture,
+        lambda kind: b"",
+        names,
         goals=ranked if len(goals) > 1 else (),
         windows=windows,
         tour=tour,
@@ -331,6 +350,21 @@ def _route(plan: Plan, cost: Float2D, dem: Dem, ground: Ground, planner: Planner
         standing = {name: numbers[drive.steps] for name, numbers in standing.items()}
         standing["curvature_per_m"] = drive.curvatures_per_m
     return replace(route, standing=heading | standing)
+
+
+def _by_way_of(planner: Planner, tour: Tour, **options: Unpack[PlanOptions]) -> Plan:
+    """The plan by way of a tour's places, in its order."""
+    start, *via, goal = tour.stops
+    return planner.plan_via(start, goal, via, **options).plan
+
+
+def _names(request: PlanRequest, place: Place, tour: Tour | None) -> list[str]:
+    """Of the stops, from start to goal."""
+    via = [name for end in request.via for name in end.names(place)]
+    between = [via[at] or f"via {at + 1}" for at in tour.order] if tour else []
+    (start,) = request.start.names(place)
+    goals = [name for end in request.goals for name in end.names(place)]
+    return [start or "start", *between, (goals[0] if len(goals) == 1 else "") or "goal"]
 
 
 def _compare(plan_by: Callable[..., Plan], plan: Plan) -> tuple[Plan, list[Row], Plan]:

@@ -11,7 +11,7 @@ import click
 from nnpp_edge.cli import options
 from nnpp_edge.cli.ground_options import GroundOptions
 from nnpp_edge.cli.requests import Start
-from nnpp_edge.cli.text import aligned, duration, tell
+from nnpp_edge.cli.text import aligned, duration, tell, work
 from nnpp_edge.runtime.options import StepOptions
 
 _SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0}
@@ -110,7 +110,13 @@ def command(
     cell = start.one_cell(terrain, "--start")
     step_cost = "energy" if measure == "energy" else robot.step_cost
     if measure == "time" and not in_seconds:
-        step_cost = "time" if robot.mobility().time else "tobler"
+        mobility = robot.mobility(terrain)
+        step_cost = "time" if mobility.time else "tobler"
+        if mobility.time is None and mobility.tobler is None:
+            raise click.UsageError(
+                "nobody walks there at the speeds of Tobler's function: for --within-time give "
+                "--vehicle or --mobility, or --step-cost tobler to count a walker's all the same"
+            )
     ground = replace(robot, step_cost=step_cost).of(terrain)
     cost = cost_of(terrain, ground.limits)
     planner = Planner(priced(ground, cost), **steps)
@@ -122,8 +128,7 @@ def command(
     def words(level: float) -> str:
         if measure == "cost":
             return f"within a cost of {level:.6g} {found.unit}".rstrip()
-        work = f"{level / 1e6:.4g} MJ" if level >= 1e6 else f"{level / 1e3:.4g} kJ"
-        return f"within {duration(level) if measure == 'time' else work}"
+        return f"within {duration(level) if measure == 'time' else work(level)}"
 
     files = [str(path) for path in paths]
     figures: dict[str, object] = {"start": cell, "measure": measure, "unit": found.unit}
@@ -143,7 +148,11 @@ def command(
             json.dumps(figures, indent=1).encode(),
         )
         write_all(dict(zip(paths, contents, strict=True)))
-    lines = {"map": size_in_words(terrain), "start": cell}
+    lines: dict[str, object] = {"map": size_in_words(terrain), "start": cell}
+    if measure == "time":
+        walker = ground.mobility.model(step_cost) if ground.mobility else None
+        on_foot = f"of a walker, by {walker.function}" if walker and step_cost != "time" else ""
+        lines["speeds"] = on_foot or "of the vehicle"
     for level, cells, area in map(dict.values, found.areas):
         size = f"{area / 1e6:.4g} km²" if area >= 1e5 else f"{area:.0f} m²"
         share = 100.0 * cells / cost.size

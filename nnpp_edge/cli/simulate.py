@@ -154,7 +154,7 @@ def command(
         ground = SurveyedGround.of(actual, _SURVEY if body is None else 1, heights)
     else:
         ground = SurveyedGround.of_known(actual, *known)
-    ground = replace(ground, origin=(row, col))
+    ground = replace(ground, origin=(row, col), north_deg=whole.north_deg)
     if start and goal:
         begin, end = map(tuple, (ends - (row, col)).tolist())
     else:

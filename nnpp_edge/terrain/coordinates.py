@@ -91,6 +91,22 @@ def on_map(place: Place, points: Points, crs: str, source: str) -> tuple[Points,
     return _moved(points, theirs, own), f"{source}: reprojected from {theirs.name} to {own.name}"
 
 
+def without_system(place: Place, points: Points, source: str) -> tuple[Points, str]:
+    """As `on_map`, of GeoJSON that names no system: longitude and latitude on the Earth.
+
+    On another body these would lead nowhere: there points on the map are in its own coordinates,
+    others are longitude and latitude on that body.
+    """
+    own = _system_of(place.georeference, place.source)
+    if _lonlat_system(own).equals(_pyproj().CRS.from_user_input(WGS84)):
+        return on_map(place, points, WGS84, source)
+    cells = np.array([place.cell_of(*point) for point in points.tolist()])
+    if ((cells >= 0) & (cells < place.shape)).all():
+        return points, f"{source} names no coordinate system: taken in the map's, {own.name}"
+    words = f"longitude and latitude of {_lonlat_system(own).name}"
+    return lonlat_on_map(place, points), f"{source} names no coordinate system: taken as {words}"
+
+
 def gravity_of(place: Place) -> float | None:
     """m/s² on the body that a map's coordinate system lies on; None where it names none, or one
     that is not known.

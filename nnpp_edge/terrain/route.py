@@ -23,6 +23,11 @@ _LOCAL = 'LOCAL_CS["the map\'s own metres",UNIT["metre",1]]'
 _EPSG = re.compile(r'(?:AUTHORITY|ID)\["EPSG",\s*"?(\d+)"?\]\]\s*$')
 
 
+Facts = dict[str, object]
+"""Properties of a feature."""
+Leg = tuple[Along, Facts]
+
+
 @dataclass(frozen=True, eq=False)
 class Route:
     """A path over a DEM."""
@@ -96,7 +101,7 @@ class Route:
         np.savetxt(out, np.column_stack(numbers), forms, ",", header=",".join(names), comments="")
         return out.getvalue()
 
-    def geojson(self, properties: dict[str, object]) -> bytes:
+    def geojson(self, properties: Facts) -> bytes:
         """A feature with the path as a line: a point where it is one cell, no geometry where there
         is none.
 
@@ -113,12 +118,37 @@ class Route:
         feature = self._feature(places_of(self.dem, self.line), properties)
         return json.dumps(feature, allow_nan=False).encode()
 
-    def geopackage(self, properties: dict[str, object]) -> bytes:
-        """Likewise with heights, as a GeoPackage whose layer is `path`; MissingExtraError without
-        pyogrio.
+    def geopackage(
+        self,
+        properties: Facts,
+        stations: Sequence[tuple[Cell, Facts]] = (),
+        legs: Sequence[Leg] = (),
+    ) -> bytes:
+        """Likewise with heights, as the layer `path` of a GeoPackage, with its `stations` and its
+        `legs`; MissingExtraError without pyogrio.
         """
-        places = np.column_stack((places_of(self.dem, self.along.points), self.along.heights_m))
-        return geopackage_bytes("path", json.dumps(self._feature(places, properties)).encode())
+        cells = np.array([cell for cell, _ in stations], np.float64).reshape(-1, 2)
+        points = places_of(self.dem, cells).tolist()
+        features = {
+            "path": [self._lifted(self.along, properties)],
+            "stations": [
+                {"type": "Feature", "geometry": {"type": "Point", "coordinates": at}}
+                | {"properties": facts}
+                for at, (_, facts) in zip(points, stations, strict=True)
+            ],
+            "legs": [self._lifted(*leg) for leg in legs],
+        }
+        layers = {
+            name: {"type": "FeatureCollection", "features": found} | named_crs(self.dem)
+            for name, found in features.items()
+            if found
+        }
+        return geopackage_bytes({name: json.dumps(each).encode() for name, each in layers.items()})
+
+    def _lifted(self, along: Along, properties: Facts) -> dict[str, object]:
+        """A feature of the points along a line, with their heights."""
+        places = np.column_stack((places_of(self.dem, along.points), along.heights_m))
+        return self._feature(places, properties)
 
     def _feature(self, places: Floats, properties: dict[str, object]) -> dict[str, object]:
         line: list[object] = places.tolist()

@@ -38,7 +38,7 @@ UNKNOWN = _of("8c8c8c")
 REGION = _of("0072b2")
 REACHED = _of("009e73")
 REFUSED: tuple[tuple[Colour, str], ...] = (
-    (_of("56b4e9"), "unknown ground, obstacle or edge"),
+    (_of("5b6472"), "unknown ground, obstacle or edge"),
     (_of("d55e00"), "too steep"),
     (_of("e69f00"), "too steep ahead"),
     (_of("cc79a7"), "too steep sideways"),

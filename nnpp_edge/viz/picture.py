@@ -59,6 +59,8 @@ reached, and regions.
 _DEAR = 0.65
 _SHUT = 0.85
 """Likewise where a cell costs most, and where it is impassable."""
+_SHADES = np.uint8(0xFC)
+"""Of a ground's colours, the bits that are kept: files are half as large."""
 _FLAT = 185
 """Of the relief's lightness, level ground."""
 _LIGHT = (315.0, 45.0)
@@ -126,7 +128,7 @@ class Chart:
         """All of the map."""
         return (0, 0, *self.cost.shape)
 
-    def around(self, places: Floats) -> Rectangle:
+    def around(self, places: Line) -> Rectangle:
         """The part to show of what lies at these places (N, 2): the whole map, unless they take up
         little of it.
         """
@@ -156,7 +158,7 @@ class Chart:
         return picture
 
     def drawing(
-        self, part: Rectangle, away: Floats | None = None, tints: Sequence[Tint] = ()
+        self, part: Rectangle, away: Line | None = None, tints: Sequence[Tint] = ()
     ) -> MapDrawing:
         """The drawing of a part; where that is not all, with the whole map in the corner that is
         farthest `away` from places (N, 2).
@@ -183,7 +185,7 @@ class Chart:
             keys.append(drawing.unknown_key())
             shut &= ~unknown
         if shut.any():
-            keys.insert(0, drawing.swatch(_SHUT_GROUND, "impassable"))
+            keys.insert(0, drawing.swatch(SHUT_GROUND, "impassable"))
         costs = np.linspace(0.0, 0.999, 64, dtype=np.float32)[None]
         return [*keys, drawing.cost_bar(cost_picture(costs)[0])]
 
@@ -201,11 +203,13 @@ def cost_picture(cost: Float2D, shade: Shade | None = None) -> Picture:
     lightness = np.float32(105.0) + np.float32(0.6) * (_FLAT if shade is None else shade)
     lit = np.broadcast_to(lightness, cost.shape)[..., None]
     strength = np.where(passable, _DEAR * cost.clip(0.0), _SHUT)[..., None].astype(np.float32)
-    colour = np.where(passable[..., None], np.float32(COST), np.float32(IMPASSABLE))
-    return ((1.0 - strength) * lit + strength * colour).astype(np.uint8)
+    colours = np.array((COST, IMPASSABLE), np.float32)
+    colour = np.where(passable[..., None], *colours)
+    picture = ((1.0 - strength) * lit + strength * colour).astype(np.uint8)
+    return picture & _SHADES
 
 
-_SHUT_GROUND: Colour = tuple(cost_picture(np.ones((1, 1), np.float32))[0, 0].tolist())
+SHUT_GROUND: Colour = tuple(cost_picture(np.ones((1, 1), np.float32))[0, 0].tolist())
 
 
 def hillshade(elevation: Float2D, cell_size_m: float, cell_width_m: float | None = None) -> Shade:
@@ -279,7 +283,8 @@ def plan_picture(
     strokes = _strokes(plan, reference_path, point_path)
     tints = list(_tints(plan, refused, reached))
     stops = [start, goal, *via, *([reached.closest] if reached else [])]
-    places = np.vstack([np.array(stops, np.float64), *(each.places[:, :2] for each in strokes)])
+    drawn = [each.places[:, :2].astype(np.float64) for each in strokes]
+    places = np.concatenate([np.array(stops, np.float64), *drawn])
     drawing = chart.drawing(chart.around(places), places, tints)
     for stroke in strokes:
         drawing.line(stroke.places, INK, stroke.width + 2.0)
@@ -398,7 +403,7 @@ def refused_on(planner: Planner) -> Shade | None:
 
 def png_bytes(picture: Picture) -> bytes:
     """Encode a picture as PNG."""
-    return cv2.imencode(".png", picture)[1].tobytes()
+    return cv2.imencode(".png", picture, (cv2.IMWRITE_PNG_COMPRESSION, 4))[1].tobytes()
 
 
 def save_picture(path: Path, picture: Picture) -> None:
@@ -432,7 +437,11 @@ def _strokes(plan: Plan, reference_path: Line | None, point_path: Line | None) -
         (plan.path if freed else None, GRID, 2.0, "path of the grid"),
         (plan.line, PATH, 3.5, words),
     )
-    return [Stroke(line, *style) for line, *style in strokes if line is not None and len(line)]
+    return [
+        Stroke(line, colour, width, words)
+        for line, colour, width, words in strokes
+        if line is not None and len(line)
+    ]
 
 
 def _facts(plan: Plan, length_m: float | None) -> Iterator[str]:

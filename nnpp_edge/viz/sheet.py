@@ -54,20 +54,23 @@ class MapDrawing:
     """A map at a handy size with a margin, what is drawn on it, and a legend below.
 
     Its ground (H, W, 3) may show a part of a map, from the cell `origin` on, and of it each
-    `step`-th cell; all else is given in cells of the map.
+    `step`-th cell; all else is given in cells of the map. Its longer side has at `least` so many
+    pixels.
     """
 
-    def __init__(self, ground: Picture, origin: Cell = (0, 0), step: int = 1) -> None:
+    def __init__(
+        self, ground: Picture, origin: Cell = (0, 0), step: int = 1, *, least: int = _SMALL
+    ) -> None:
         rows, cols = ground.shape[:2]
         longest = max(rows, cols)
-        factor = max(math.ceil(_SMALL / longest), 1) if longest < _LARGE else _LARGE / longest
+        factor = max(math.ceil(least / longest), 1) if longest < _LARGE else _LARGE / longest
         height = max(1, round(rows * factor))
         width = max(1, round(cols * factor))
         self.unit = max(1.0, max(height, width) / 1000.0)
         """Pixels to a point: text, lines and symbols are larger on a larger map."""
         self.sides = (height / rows / step, width / cols / step)
         """Pixels of a cell of the map."""
-        across = max(width, _SMALL)
+        across = max(width, least)
         self._cells_across = across / self.sides[1]
         self._origin = origin
         self._corner: tuple[int, int, Picture] | None = None
@@ -87,7 +90,7 @@ class MapDrawing:
 
     def _points(self, cells: Points) -> Floats:
         """(N, 2) x and y of the middles of cells."""
-        places = (cells.astype(np.float64) - self._origin + 0.5) * self.sides - 0.5
+        places: Floats = (cells.astype(np.float64) - self._origin + 0.5) * self.sides - 0.5
         return np.add(places[:, ::-1], (self.left, self.margin))
 
     def _at(self, cell: Cell) -> Point:
@@ -111,19 +114,19 @@ class MapDrawing:
         row, col, rows, cols = part
         cv2.rectangle(whole, (col, row), (col + cols - 1, row + rows - 1), PAPER, 4)
         cv2.rectangle(whole, (col, row), (col + cols - 1, row + rows - 1), INK, 2)
-        framed = cv2.copyMakeBorder(whole, 2, 2, 2, 2, cv2.BORDER_CONSTANT, value=INK)
+        bordered = cv2.copyMakeBorder(whole, 2, 2, 2, 2, cv2.BORDER_CONSTANT, value=INK)
+        framed = np.asarray(bordered, np.uint8)
         high, wide = framed.shape[:2]
-        free = np.subtract(self.map.shape[:2], (high, wide))
-        if (free < 0).any():
+        down, across = (self.map.shape[0] - high, self.map.shape[1] - wide)
+        if min(down, across) < 0:
             return
-        corners = [(down * free[0], across * free[1]) for down in (0, 1) for across in (1, 0)]
         places = np.subtract(self._points(away)[:, ::-1], (self.margin, self.left))
 
-        def room(corner: tuple[int, int]) -> float:
+        def room(corner: Cell) -> float:
             middle = np.add(corner, (high / 2, wide / 2))
             return float(np.abs((places - middle) / (high, wide)).max(1).min())
 
-        top, left = max(corners, key=room)
+        top, left = max([(0, across), (0, 0), (down, across), (down, 0)], key=room)
         self._corner = (top, left, framed)
 
     def line(self, cells: Points, colour: Colour, width: float) -> None:
@@ -180,7 +183,7 @@ class MapDrawing:
             self._stroke(ends, INK, width + 2.0)
             self._stroke(ends, colour, width)
 
-        return self._key(26.0, draw, words)
+        return self._key(28.0, draw, words)
 
     def unknown_key(self) -> Item:
         """A key: stripes."""
