@@ -68,7 +68,7 @@ _LIGHT = (315.0, 45.0)
 _SHARP = 800
 """Pixels of the longer side up to which a map is enlarged before bands are drawn on it."""
 _MOST_CELLS = 2000
-"""Of a side that is drawn: of a larger map every second cell, or fewer."""
+"""Of a side that is drawn: of one twice as long every second cell, and so on."""
 _AROUND = 0.15
 _LEAST_AROUND = 16
 """Of the ground around a path that is shown: a share of its longer side, and cells."""
@@ -163,7 +163,7 @@ class Chart:
         """The drawing of a part; where that is not all, with the whole map in the corner that is
         farthest `away` from places (N, 2).
         """
-        step = -(-max(part[2:]) // _MOST_CELLS)
+        step = max(max(part[2:]) // _MOST_CELLS, 1)
         drawing = MapDrawing(self.ground(part, step, tints), part[:2], step)
         if self.elevation is not None:
             drawing.hatched(np.isnan(self.elevation[slices(part)][::step, ::step]))
@@ -322,7 +322,7 @@ def reach_picture(
     """
     places = np.argwhere(np.isfinite(field)).astype(np.float64)
     part = chart.around(places)
-    step = -(-max(part[2:]) // _MOST_CELLS)
+    step = max(max(part[2:]) // _MOST_CELLS, 1)
     band = np.searchsorted([level for level, _ in levels], field)
     # along a scale from dark to light
     middles = 255 * (np.arange(len(levels)) + 0.5) / len(levels)
