@@ -1,6 +1,5 @@
 """Cells and rectangles of cells of a map."""
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -102,27 +101,10 @@ def apart(part: Rectangle, cell: tuple[int, int]) -> int:
     return max(above, 1 - rows - above, left, 1 - cols - left, 0)
 
 
-_LOOKED_AROUND = 64
-"""Cells around a cell in which the nearest of others is first looked for."""
-
-
-def nearest(mask: NDArray[np.bool_], cell: Cell) -> Cell | None:
-    """The cell of a mask (H, W) that is nearest to another; None where the mask is empty.
-
-    It is looked for in squares of growing side: a large map is seldom read as a whole.
-    """
-    around = _LOOKED_AROUND
-    while True:
-        part = widened((*cell, 1, 1), (around, around), mask.shape)
-        found = np.argwhere(mask[slices(part)]) + part[:2]
-        whole = part[2:] == mask.shape
-        if len(found):
-            squares = ((found - cell) ** 2).sum(axis=1)
-            if whole or squares.min() <= around**2:
-                row, col = found[squares.argmin()].tolist()
-                return row, col
-            around = math.isqrt(int(squares.min())) + 1
-        elif whole:
-            return None
-        else:
-            around *= 4
+def nearest(mask: NDArray[np.bool_], cell: Cell) -> Cell:
+    """The cell of a mask (H, W), which holds at least one, that is nearest to another."""
+    rows = np.arange(mask.shape[0], dtype=np.float32)[:, None] - np.float32(cell[0])
+    cols = np.arange(mask.shape[1], dtype=np.float32) - np.float32(cell[1])
+    away = np.where(mask, rows**2 + cols**2, np.float32(np.inf))
+    row, col = divmod(int(away.argmin()), mask.shape[1])
+    return row, col

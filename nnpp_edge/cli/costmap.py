@@ -90,7 +90,7 @@ def _write(
     from nnpp_edge.runtime.terrain.windows import CostWindows
     from nnpp_edge.terrain.dem import Dem
     from nnpp_edge.terrain.rasters import geotiff_stream, raster_bytes
-    from nnpp_edge.viz.picture import Chart, cost_map_picture, png_bytes
+    from nnpp_edge.viz.picture import Chart, png_bytes
 
     nodata = np.float32(np.nan)
     if isinstance(ground, Dem):
@@ -104,7 +104,7 @@ def _write(
             size = ground.cell_size_m
             width = ground.cell_width_m
             np.savez_compressed(content, cost=cost, cell_size_m=size, cell_width_m=width)
-        drawn = cost_map_picture(chart_of(ground, cost))
+        drawn = chart_of(ground, cost).picture()
         write_all({output: content.getvalue(), picture: png_bytes(drawn)})
         return float(np.isfinite(cost).mean())
     passable = 0
@@ -126,6 +126,6 @@ def _write(
                 progress(row + len(cost))
         sides_m = (ground.cell_size_m * step, ground.cell_width_m * step)
         chart = Chart(np.concatenate(sampled), np.concatenate(heights), sides_m, ground.north_deg)
-        drawn = cost_map_picture(chart)
+        drawn = chart.picture()
         write_whole(picture, png_bytes(drawn))
     return passable / math.prod(ground.shape)

@@ -41,7 +41,7 @@ from nnpp_edge.runtime.planners.tour import Tour
 from nnpp_edge.runtime.planners.windowed import WindowedPlanner
 from nnpp_edge.runtime.robots.body.attitude import attitudes
 from nnpp_edge.runtime.tuning import LARGE_MAP
-from nnpp_edge.terrain.dem import Dem, DemWindows
+from nnpp_edge.terrain.dem import Dem, DemWindows, part_of
 from nnpp_edge.terrain.georeference import Place
 from nnpp_edge.terrain.route import Route
 from nnpp_edge.viz.picture import Chart, Reached, body_outlines, plan_picture, refused_on
@@ -89,7 +89,7 @@ def _read(request: PlanRequest, path: Path, robot: GroundOptions) -> tuple[Dem, 
         sides = (whole.cell_size_m, whole.cell_width_m)
         up, left = (math.ceil(min(request.crop / side, 1e9)) for side in sides)
         part = widened(around, (up, left), whole.shape)
-        cut = whole.part(part)
+        cut = part_of(whole, part)
     dem = robot.made_finer(cut, "part")
     row, col, rows, cols = part
     warnings.warn(
@@ -165,7 +165,7 @@ def plan_in_memory(
     if plan.status == "NO_PATH" and len(goals) == 1 and not tour and "refine" not in query:
         cells, from_start = planner.came_to(start)
         begun, other = ("start", goal) if from_start else ("goal", start)
-        ended = Reached(cells, begun, nearest(cells, other) or start)
+        ended = Reached(cells, begun, nearest(cells, other))
 
     def picture() -> Picture:
         beside = None
@@ -203,7 +203,8 @@ def plan_in_memory(
 
         assert plan.along is not None
         stops = tour.stops if tour else (start, goal)
-        return plan_figure(chart_of(dem, cost), dem, plan.along, stops, names, kind)
+        named = list(zip(names, stops, strict=True))
+        return plan_figure(chart_of(dem, cost), dem, plan.along, named, kind)
 
     return Answer(
         plan,

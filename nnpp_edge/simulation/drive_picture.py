@@ -16,8 +16,8 @@ from nnpp_edge.simulation.scene import Scene, SurveyedGround
 from nnpp_edge.simulation.simulate import Drive
 from nnpp_edge.terrain.obstacles import covered
 from nnpp_edge.viz.palette import BODY, DRIVEN, GOAL, INK, OPTIMUM, PAPER, PATH, SEEN, START
-from nnpp_edge.viz.picture import SHUT_GROUND, Chart, body_outlines
-from nnpp_edge.viz.sheet import MapDrawing, Picture
+from nnpp_edge.viz.picture import SHUT_GROUND, Chart, Drawn, body_outlines
+from nnpp_edge.viz.sheet import Picture
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -44,29 +44,24 @@ def drive_picture(ground: SurveyedGround, drive: Drive) -> Picture:
     Of a body the outline is drawn along the way; the cost of a cell is that of its best heading
     there.
     """
-    chart = _chart(ground, ground.costs())
-    places = np.vstack((drive.driven[:, :2], drive.optimal[:, :2], [drive.goal]))
-    sheet = chart.drawing(chart.around(places), places)
-    strokes = [
-        (drive.optimal, OPTIMUM, 9.0, "optimum, with all known"),
-        (drive.driven, DRIVEN, 3.5, "driven"),
+    lines = [
+        Drawn(drive.optimal, OPTIMUM, 9.0, "optimum, with all known"),
+        Drawn(drive.driven, DRIVEN, 3.5, "driven"),
     ]
-    for line, colour, width, _ in strokes:
-        sheet.line(line[:, :2], INK, width + 2.0)
-        sheet.line(line[:, :2], colour, width)
-    with_bodies = sheet.bodies(_bodies(ground.robot, drive.driven))
-    sheet.ends(drive.start, drive.goal)
-
-    # the legend
-    keys = [sheet.swatch(START, "start"), sheet.swatch(GOAL, "goal")]
-    keys += [sheet.line_key(*stroke[1:]) for stroke in strokes[::-1]]
-    keys += [sheet.swatch(BODY, "vehicle")] if with_bodies else []
     costs = f"cost {drive.driven_cost:.4g}, optimum {drive.optimal_cost:.4g}"
     if drive.excess is not None:
         costs += f" (+{100 * drive.excess:.1f} %)"
     facts = [drive.method, f"{drive.counters.ticks} ticks, {drive.counters.planned} plans", costs]
-    words = [sheet.text_item(fact) for fact in facts]
-    return sheet.finish([keys + chart.keys(sheet), words + chart.facts(sheet)])
+    chart = _chart(ground, ground.costs())
+    places = np.vstack((drive.driven[:, :2], drive.optimal[:, :2], [drive.goal]))
+    return chart.picture(
+        drive.start,
+        drive.goal,
+        lines=lines,
+        outlines=_bodies(ground.robot, drive.driven),
+        part=chart.around(places),
+        facts=facts,
+    )
 
 
 def _chart(ground: SurveyedGround, cost: Float2D) -> Chart:
@@ -119,7 +114,6 @@ def _frame(scene: Scene, message: PathMessage) -> Picture:
     told = robot.costs(scene.told)
     told = covered(told, (0, 0, *told.shape), scene.obstacles.blocks, np.inf)
     chart = _chart(scene.ground, told)
-    sheet = MapDrawing(chart.ground(chart.whole, 1), least=_FRAME_PIXELS)
 
     # the path, the way driven, the body along the path and where it is, and what it sees
     driven = np.array(scene.driven)[:, :2]
@@ -127,24 +121,18 @@ def _frame(scene: Scene, message: PathMessage) -> Picture:
     bottom = row + rows - 1
     right = col + cols - 1
     view = np.array([(row, col), (row, right), (bottom, right), (bottom, col), (row, col)])
-    for line, colour, width in (
-        (view, SEEN, 2.0),
-        (message.path, PATH, 3.0),
-        (driven, DRIVEN, 3.0),
-    ):
-        if len(line):
-            sheet.line(line[:, :2], INK, width + 1.5)
-            sheet.line(line[:, :2], colour, width)
-    sheet.bodies(_bodies(robot, message.path))
-    sheet.ends(scene.robot, scene.goal)
-    keys = [
-        sheet.swatch(START, "robot"),
-        sheet.swatch(GOAL, "goal"),
-        sheet.line_key(PATH, 3.0, "planned"),
-        sheet.line_key(DRIVEN, 3.0, "driven"),
-        sheet.line_key(SEEN, 2.0, "seen"),
+    lines = [
+        Drawn(view, SEEN, 2.0, "seen"),
+        Drawn(message.path, PATH, 3.0, "planned"),
+        Drawn(driven, DRIVEN, 3.0, "driven"),
     ]
-    return sheet.finish([[*keys, sheet.swatch(SHUT_GROUND, "impassable")], chart.facts(sheet)])
+    return chart.picture(
+        scene.robot,
+        scene.goal,
+        lines=lines,
+        outlines=_bodies(robot, message.path),
+        least=_FRAME_PIXELS,
+    )
 
 
 def _bodies(robot: Robot, path: Line) -> list[Floats]:

@@ -72,8 +72,8 @@ def lonlat_of(place: Place, points: Points) -> Points:
     """WGS 84 longitudes and latitudes of map coordinates; InvalidQueryError on another body than
     the Earth.
     """
-    own = _system_of(place.georeference, place.source)
-    if not _lonlat_system(own).equals(_pyproj().CRS.from_user_input(WGS84)):
+    if not on_earth(place):
+        own = _system_of(place.georeference, place.source)
         raise InvalidQueryError(
             f"{place.source}: longitude and latitude on the Earth are wanted, got {own.name}"
         )
@@ -91,20 +91,10 @@ def on_map(place: Place, points: Points, crs: str, source: str) -> tuple[Points,
     return _moved(points, theirs, own), f"{source}: reprojected from {theirs.name} to {own.name}"
 
 
-def without_system(place: Place, points: Points, source: str) -> tuple[Points, str]:
-    """As `on_map`, of GeoJSON that names no system: longitude and latitude on the Earth.
-
-    On another body these would lead nowhere: there points on the map are in its own coordinates,
-    others are longitude and latitude on that body.
-    """
+def on_earth(place: Place) -> bool:
+    """Whether a map's coordinate system is of the Earth; InvalidQueryError without one."""
     own = _system_of(place.georeference, place.source)
-    if _lonlat_system(own).equals(_pyproj().CRS.from_user_input(WGS84)):
-        return on_map(place, points, WGS84, source)
-    cells = np.array([place.cell_of(*point) for point in points.tolist()])
-    if ((cells >= 0) & (cells < place.shape)).all():
-        return points, f"{source} names no coordinate system: taken in the map's, {own.name}"
-    words = f"longitude and latitude of {_lonlat_system(own).name}"
-    return lonlat_on_map(place, points), f"{source} names no coordinate system: taken as {words}"
+    return bool(_lonlat_system(own).equals(_pyproj().CRS.from_user_input(WGS84)))
 
 
 def gravity_of(place: Place) -> float | None:

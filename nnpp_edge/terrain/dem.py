@@ -61,9 +61,9 @@ class Dem(Place):
         row, col = (int(rng.integers(0, cells - side + 1)) for cells in self.shape)
         return self.elevation[row : row + side, col : col + side]
 
-    def part(self, part: Rectangle) -> "Dem":
-        """A rectangle of this map; every cell keeps its coordinates."""
-        return part_of(self, part, self.elevation[slices(part)])
+    def read(self, part: Rectangle) -> Float2D:
+        """(rows, cols) heights of a rectangle."""
+        return self.elevation[slices(part)].copy()
 
     def rescaled(self, cell_size_m: float) -> "Dem":
         """This terrain grown or shrunk to cells of `cell_size_m`: heights follow, so slopes stay.
@@ -115,15 +115,6 @@ class Dem(Place):
             cell_width_m=width,
             georeference=place,
         )
-
-
-def part_of(place: Place, part: Rectangle, elevation: Float2D) -> Dem:
-    """The heights of a rectangle of a map as a map; every cell keeps its coordinates."""
-    located = place.located
-    a, b, _, d, e, _ = located.transform
-    x, y = located.map_coordinates(part[0] - 0.5, part[1] - 0.5)
-    moved = Georeference(located.crs, (a, b, x, d, e, y))
-    return Dem(elevation.copy(), place.cell_size_m, place.cell_width_m, moved, place.source)
 
 
 MOST_RESAMPLED = 1 << 22
@@ -254,10 +245,6 @@ class DemWindows(Place):
         """Rows and columns of a stored block."""
         return self.raster.block
 
-    def part(self, part: Rectangle) -> Dem:
-        """As `Dem.part`."""
-        return part_of(self, part, self.read(part))
-
     def read(self, part: Rectangle) -> Float2D:
         """(rows, cols) float32 heights of a rectangle, as `read_dem` gives them; TerrainError for a
         broken file.
@@ -309,3 +296,12 @@ def open_dem(
         size, width = cell_sides(path, raster.shape, None, georeference, cell_size_m)
         factor = 1.0 if rescale_m is None else rescale_m / size
         yield DemWindows(size * factor, width * factor, georeference, path, raster, factor)
+
+
+def part_of(whole: Dem | DemWindows, part: Rectangle) -> Dem:
+    """A rectangle of a map as a map; every cell keeps its coordinates."""
+    located = whole.located
+    a, b, _, d, e, _ = located.transform
+    x, y = located.map_coordinates(part[0] - 0.5, part[1] - 0.5)
+    moved = Georeference(located.crs, (a, b, x, d, e, y))
+    return Dem(whole.read(part), whole.cell_size_m, whole.cell_width_m, moved, whole.source)

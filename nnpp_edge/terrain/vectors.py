@@ -13,7 +13,7 @@ import numpy as np
 
 from nnpp_edge.runtime.errors import InvalidQueryError, optional_module
 from nnpp_edge.runtime.reading import parse, problem_with_file, read_text, refused_as
-from nnpp_edge.terrain.coordinates import Points, on_map, without_system
+from nnpp_edge.terrain.coordinates import Points, on_earth, on_map
 from nnpp_edge.terrain.gdal_files import NO_NETWORK
 from nnpp_edge.terrain.georeference import Place
 
@@ -52,7 +52,7 @@ def points_of(name: str, place: Place) -> LayerPoints:
 
     The name is that of a file of one of `FORMATS`, or FILE:LAYER where it has several, of which
     GPX's is that of the way points. Points of a layer that names no coordinate system are in the
-    map's own; GeoJSON without one, on another body than the Earth, as `without_system` says.
+    map's own; so are GeoJSON's without one on another body than the Earth.
     VectorFileError where there is no such file or layer, or it holds other things than
     points, or none; InvalidQueryError where its system does not lead to the map's.
     """
@@ -88,13 +88,12 @@ def points_of(name: str, place: Place) -> LayerPoints:
     names = [names[at] for at in np.flatnonzero(known)]
     if not len(found):
         raise VectorFileError(f"{path}: wanted points, got none")
-    if meta["crs"] is None:
-        return LayerPoints(found, names, "")
-    if unnamed:
-        places, remark = without_system(place, found, str(path))
-    else:
-        places, remark = on_map(place, found, meta["crs"], str(path))
-    return LayerPoints(places, names, remark)
+    remark = ""
+    if unnamed and not on_earth(place):
+        remark = f"{path} names no coordinate system: taken in the map's own"
+    elif meta["crs"] is not None:
+        found, remark = on_map(place, found, meta["crs"], str(path))
+    return LayerPoints(found, names, remark)
 
 
 def named_file(name: str) -> tuple[Path, str | None]:

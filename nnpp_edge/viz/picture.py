@@ -7,7 +7,7 @@ blue, green, red.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple, TypeVar
@@ -27,6 +27,7 @@ from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.viz.palette import (
     BODY,
     COST,
+    ENDED,
     GOAL,
     GRID,
     IMPASSABLE,
@@ -39,9 +40,10 @@ from nnpp_edge.viz.palette import (
     REFUSED,
     REGION,
     START,
+    UNKNOWN,
     Colour,
 )
-from nnpp_edge.viz.sheet import CIRCLE, Item, MapDrawing, Picture, metres
+from nnpp_edge.viz.sheet import CIRCLE, LEAST_PIXELS, MapDrawing, Picture, metres
 
 Mask = NDArray[np.bool_]
 Shade = NDArray[np.uint8]
@@ -65,8 +67,6 @@ _FLAT = 185
 """Of the relief's lightness, level ground."""
 _LIGHT = (315.0, 45.0)
 """Azimuth and height of the light of a hillshade, degrees."""
-_SHARP = 800
-"""Pixels of the longer side up to which a map is enlarged before bands are drawn on it."""
 _MOST_CELLS = 2000
 """Of a side that is drawn: of one twice as long every second cell, and so on."""
 _AROUND = 0.15
@@ -74,6 +74,9 @@ _LEAST_AROUND = 16
 """Of the ground around a path that is shown: a share of its longer side, and cells."""
 _ZOOMED = 0.5
 """Share of the map up to which a part of it is shown alone."""
+_PIECE = ((0.0, 0.0), (26.0, 0.0))
+"""Of a line, in the legend."""
+_CORNERS = ((0, 1), (0, 0), (1, 1), (1, 0))
 _OVERVIEW = 0.22
 """Of the picture's longer side, that of the small map in its corner."""
 
@@ -88,8 +91,8 @@ class Tint(NamedTuple):
     """Of the legend."""
 
 
-class Stroke(NamedTuple):
-    """A line that is drawn."""
+class Drawn(NamedTuple):
+    """A line that is drawn, with a dark rim."""
 
     places: Line
     colour: Colour
@@ -97,6 +100,11 @@ class Stroke(NamedTuple):
     """Points."""
     words: str
     """Of the legend."""
+
+    @property
+    def layers(self) -> tuple[tuple[Colour, float], ...]:
+        """Colours and widths, the lowest first."""
+        return (INK, self.width + 2.0), (self.colour, self.width)
 
 
 class Reached(NamedTuple):
@@ -157,42 +165,83 @@ class Chart:
             picture[on] = mixed(picture[on], tint.strength, tint.colour)
         return picture
 
-    def drawing(
-        self, part: Rectangle, away: Line | None = None, tints: Sequence[Tint] = ()
-    ) -> MapDrawing:
-        """The drawing of a part; where that is not all, with the whole map in the corner that is
-        farthest `away` from places (N, 2).
+    def picture(
+        self,
+        start: Cell | None = None,
+        goal: Cell | None = None,
+        *,
+        via: Sequence[Cell] = (),
+        lines: Sequence[Drawn] = (),
+        tints: Sequence[Tint] = (),
+        outlines: Sequence[Line] = (),
+        ended: Cell | None = None,
+        part: Rectangle | None = None,
+        facts: Iterable[str] = (),
+        least: int = LEAST_PIXELS,
+    ) -> Picture:
+        """Draw a `part` of the map, by default all, with a legend; in a corner all of it, small.
+
+        Lines lie one over the other, the first lowest; `outlines` of a body are left out where
+        they would be dots; `ended` is where a search without a path did.
         """
-        step = max(max(part[2:]) // _MOST_CELLS, 1)
-        drawing = MapDrawing(self.ground(part, step, tints), part[:2], step)
-        if self.elevation is not None:
-            drawing.hatched(np.isnan(self.elevation[slices(part)][::step, ::step]))
-        if part != self.whole and away is not None:
-            longest = max(self.cost.shape)
-            share = _OVERVIEW * max(drawing.map.shape[:2]) / longest
-            small = self.ground(self.whole, max(int(1.0 / share), 1), tints)
-            size = tuple(max(round(cells * share), 1) for cells in self.cost.shape[::-1])
-            small = cv2.resize(small, size, interpolation=cv2.INTER_AREA)  # type: ignore[assignment]
-            row, col, rows, cols = (round(cells * share) for cells in part)
-            drawing.overview(small, (row, col, max(rows, 6), max(cols, 6)), away)
-        return drawing
-
-    def keys(self, drawing: MapDrawing) -> list[Item]:
-        """Of the ground."""
-        shut = ~(self.cost < 1.0)
+        row, col, rows, cols = part = part or self.whole
+        step = max(max(rows, cols) // _MOST_CELLS, 1)
+        drawing = MapDrawing(self.ground(part, step, tints), (row, col), step, least=least)
+        unknown = np.isnan(self.cost) if self.elevation is None else np.isnan(self.elevation)
+        drawing.hatched(unknown[slices(part)][::step, ::step])
         keys = []
-        if self.elevation is not None and (unknown := np.isnan(self.elevation)).any():
-            keys.append(drawing.unknown_key())
-            shut &= ~unknown
-        if shut.any():
-            keys.insert(0, drawing.swatch(SHUT_GROUND, "impassable"))
-        costs = np.linspace(0.0, 0.999, 64, dtype=np.float32)[None]
-        return [*keys, drawing.cost_bar(cost_picture(costs)[0])]
+        if start is not None:
+            keys.append(drawing.swatch(START, "start"))
+        if goal is not None:
+            keys.append(drawing.swatch(GOAL, "goal"))
+        for line in lines:
+            if len(line.places):
+                keys.insert(
+                    2, drawing.drawn(28.0, [(_PIECE, *each) for each in line.layers], line.words)
+                )
+                for colour, width in line.layers:
+                    drawing.line(line.places[:, :2], colour, width)
+        if via:
+            keys.append(drawing.swatch(PAPER, "by way of"))
+        if drawing.bodies(outlines):
+            keys.append(drawing.swatch(BODY, "vehicle"))
+        keys += [drawing.swatch(tinted(tint), tint.words) for tint in tints]
+        for number, stop in enumerate(via, 1):
+            drawing.numbered(stop, str(number))
+        if ended is not None:
+            drawing.numbered(ended, "x", ENDED)
+            keys.append(drawing.swatch(ENDED, "where the search ended"))
+        if start is not None:
+            drawing.ends(start, goal)
+        if part != self.whole:
+            places = np.array([each for each in (start, goal, *via) if each is not None])
+            self._overview(drawing, part, tints, places)
 
-    def facts(self, drawing: MapDrawing) -> list[Item]:
-        """Scale and north."""
-        width_m = None if self.sides_m is None else self.sides_m[1]
-        return drawing.scale(width_m) + drawing.north(self.north_deg)
+        # the ground's keys, and what is told in words
+        if (~(self.cost < 1.0) & ~unknown).any():
+            keys.append(drawing.swatch(SHUT_GROUND, "impassable"))
+        if unknown.any():
+            stripes = [([(at, 7), (at + 13, -6)], UNKNOWN, 2.0) for at in (0, 9)]
+            keys.append(drawing.drawn(22.0, stripes, "unknown"))
+        costs = cost_picture(np.linspace(0.0, 0.999, 30, dtype=np.float32)[None])[0].tolist()
+        bar = [([(4 * at, 0), (4 * at + 4, 0)], colour, 13.0) for at, colour in enumerate(costs)]
+        keys.append(drawing.drawn(120.0, bar, "traversability cost, 0 to 1"))
+        scale = drawing.scale(None if self.sides_m is None else self.sides_m[1])
+        words = [drawing.text_item(fact) for fact in facts]
+        return drawing.finish([keys, words + scale + drawing.north(self.north_deg)])
+
+    def _overview(
+        self, drawing: MapDrawing, part: Rectangle, tints: Sequence[Tint], places: Cells
+    ) -> None:
+        """Put the whole map into the corner that is farthest from places."""
+        share = _OVERVIEW * max(drawing.map.shape[:2]) / max(self.cost.shape)
+        small = self.ground(self.whole, max(int(1.0 / share), 1), tints)
+        size = tuple(max(round(cells * share), 1) for cells in self.cost.shape[::-1])
+        small = cv2.resize(small, size, interpolation=cv2.INTER_AREA)  # type: ignore[assignment]
+        row, col, rows, cols = (round(cells * share) for cells in part)
+        shares = (places - part[:2]) / part[2:]
+        corner = max(_CORNERS, key=lambda each: np.abs(shares - each).max(1).min())
+        drawing.overview(small, (row, col, max(rows, 6), max(cols, 6)), corner)
 
 
 def cost_picture(cost: Float2D, shade: Shade | None = None) -> Picture:
@@ -235,12 +284,6 @@ def hillshade(elevation: Float2D, cell_size_m: float, cell_width_m: float | None
     return np.asarray(shade, np.uint8)
 
 
-def cost_map_picture(chart: Chart) -> Picture:
-    """A cost map above a colour bar, a scale and the key to impassable cells."""
-    drawing = chart.drawing(chart.whole)
-    return drawing.finish([chart.keys(drawing), chart.facts(drawing)])
-
-
 def plan_picture(
     chart: Chart,
     plan: Plan,
@@ -280,35 +323,21 @@ def plan_picture(
     reached : Reached
         Where no path was found: what the search came to is tinted, and its end marked.
     """
-    strokes = _strokes(plan, reference_path, point_path)
-    tints = list(_tints(plan, refused, reached))
-    stops = [start, goal, *via, *([reached.closest] if reached else [])]
-    drawn = [each.places[:, :2].astype(np.float64) for each in strokes]
-    places = np.concatenate([np.array(stops, np.float64), *drawn])
-    drawing = chart.drawing(chart.around(places), places, tints)
-    for stroke in strokes:
-        drawing.line(stroke.places, INK, stroke.width + 2.0)
-        drawing.line(stroke.places, stroke.colour, stroke.width)
-    with_bodies = drawing.bodies(outlines)
-    for number, stop in enumerate(via, 1):
-        drawing.numbered(stop, str(number))
-    drawing.ends(start, goal)
-
-    # the legend
-    swatches = [
-        (START, "start"),
-        (GOAL, "goal"),
-        *([(PAPER, "by way of")] if via else []),
-        *([(BODY, "vehicle")] if with_bodies else []),
-        *((tinted(tint.strength, tint.colour), tint.words) for tint in tints),
-    ]
-    keys = [drawing.swatch(*each) for each in swatches]
-    keys[2:2] = [drawing.line_key(*each[1:]) for each in strokes[::-1]]
-    if reached is not None:
-        drawing.cross(reached.closest)
-        keys.append(drawing.ended_key("where the search ended"))
-    facts = [drawing.text_item(text) for text in _facts(plan, length_m)]
-    return drawing.finish([keys + chart.keys(drawing), facts + chart.facts(drawing)])
+    lines = list(_lines(plan, reference_path, point_path))
+    ended = None if reached is None else reached.closest
+    stops = [each for each in (start, goal, *via, ended) if each is not None]
+    drawn = [line.places[:, :2].astype(np.float64) for line in lines]
+    return chart.picture(
+        start,
+        goal,
+        via=via,
+        lines=lines,
+        tints=list(_tints(plan, refused, reached)),
+        outlines=outlines,
+        ended=ended,
+        part=chart.around(np.concatenate([np.array(stops, np.float64), *drawn])),
+        facts=_facts(plan, length_m),
+    )
 
 
 def reach_picture(
@@ -320,9 +349,6 @@ def reach_picture(
     `field` is (H, W) float32, the cost of getting to each cell, inf where that is not possible;
     `levels` say where each band ends, ascending, and what the legend says of it (ASCII).
     """
-    places = np.argwhere(np.isfinite(field)).astype(np.float64)
-    part = chart.around(places)
-    step = max(max(part[2:]) // _MOST_CELLS, 1)
     band = np.searchsorted([level for level, _ in levels], field)
     # along a scale from dark to light
     middles = 255 * (np.arange(len(levels)) + 0.5) / len(levels)
@@ -332,19 +358,8 @@ def reach_picture(
         Tint(band == at, _BAND, colour, words)
         for at, (colour, (_, words)) in enumerate(zip(colours, levels, strict=True))
     ]
-    drawing = chart.drawing(part, places[:: max(len(places) // 1000, 1)], tints)
-
-    # lines between bands, thinner than cells
-    height, width = drawing.map.shape[:2]
-    shown = np.ascontiguousarray(band[slices(part)][::step, ::step].astype(np.uint8))
-    large = cv2.resize(shown, (width, height), interpolation=cv2.INTER_NEAREST)
-    edges = np.diff(large, axis=0, append=large[-1:]) != 0
-    edges |= np.diff(large, axis=1, append=large[:, -1:]) != 0
-    drawing.map[edges] = INK
-    drawing.ends(start)
-    bands = [(tinted(_BAND, tint.colour), tint.words) for tint in tints]
-    keys = [drawing.swatch(*each) for each in ((START, "start"), *bands)]
-    return drawing.finish([keys + chart.keys(drawing), chart.facts(drawing)])
+    part = chart.around(np.argwhere(np.isfinite(field)).astype(np.int32))
+    return chart.picture(start, tints=tints, part=part)
 
 
 def body_outlines(
@@ -425,23 +440,19 @@ def _tints(plan: Plan, refused: Shade | None, reached: Reached | None) -> Iterat
             yield Tint(refused == limit, _NO_STAND, *REFUSED[limit - 1])
 
 
-def _strokes(plan: Plan, reference_path: Line | None, point_path: Line | None) -> list[Stroke]:
+def _lines(plan: Plan, reference_path: Line | None, point_path: Line | None) -> Iterator[Drawn]:
     """Paths that are drawn, the lowest first."""
     arcs = plan.states is not None
     freed = plan.line is not plan.path and not arcs
     words = "path of arcs" if arcs else "path freed from the grid" if freed else "path"
-    other = "path with turns on the spot" if arcs else "path of a point"
-    strokes = (
-        (reference_path, OPTIMUM, 9.0, "exact optimum"),
-        (point_path, POINT, 2.5, other),
-        (plan.path if freed else None, GRID, 2.0, "path of the grid"),
-        (plan.line, PATH, 3.5, words),
-    )
-    return [
-        Stroke(line, colour, width, words)
-        for line, colour, width, words in strokes
-        if line is not None and len(line)
-    ]
+    if reference_path is not None:
+        yield Drawn(reference_path, OPTIMUM, 9.0, "exact optimum")
+    if point_path is not None:
+        other = "path with turns on the spot" if arcs else "path of a point"
+        yield Drawn(point_path, POINT, 2.5, other)
+    if freed:
+        yield Drawn(plan.path, GRID, 2.0, "path of the grid")
+    yield Drawn(plan.line, PATH, 3.5, words)
 
 
 def _facts(plan: Plan, length_m: float | None) -> Iterator[str]:
@@ -464,10 +475,10 @@ def _number(x: float) -> str:
     return f"{x:.0f}" if x >= 1000.0 else f"{x:.4g}"
 
 
-def tinted(strength: float, colour: Colour) -> Colour:
-    """A colour laid over level ground."""
+def tinted(tint: Tint) -> Colour:
+    """Its colour on level ground."""
     ground = cost_picture(np.zeros((1, 1), np.float32))[0, 0]
-    return tuple(mixed(ground, strength, colour).tolist())
+    return tuple(mixed(ground, tint.strength, tint.colour).tolist())
 
 
 def mixed(ground: Picture, strength: float, colour: Colour) -> Picture:

@@ -5,7 +5,7 @@ Lengths in points: a pixel on maps of up to 1000 pixels, more on larger ones. Te
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
 import cv2
@@ -16,7 +16,6 @@ from nnpp_edge.runtime.arrays import Cells, Floats
 from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.viz.palette import (
     BODY,
-    ENDED,
     GOAL,
     INK,
     PAPER,
@@ -28,8 +27,10 @@ from nnpp_edge.viz.palette import (
 Picture = NDArray[np.uint8]
 Point = tuple[float, float]
 Points = NDArray[np.generic]
+Stroke = tuple[Sequence[Sequence[float]] | Points, Colour, float]
+"""A line of points (x, y), its colour and its width."""
 
-_SMALL = 800
+LEAST_PIXELS = 800
 _LARGE = 2000
 """Longer sides, in pixels, below which a map is enlarged and above which it is reduced."""
 _SHIFT = 4
@@ -59,7 +60,7 @@ class MapDrawing:
     """
 
     def __init__(
-        self, ground: Picture, origin: Cell = (0, 0), step: int = 1, *, least: int = _SMALL
+        self, ground: Picture, origin: Cell = (0, 0), step: int = 1, *, least: int = LEAST_PIXELS
     ) -> None:
         rows, cols = ground.shape[:2]
         longest = max(rows, cols)
@@ -73,7 +74,7 @@ class MapDrawing:
         across = max(width, least)
         self._cells_across = across / self.sides[1]
         self._origin = origin
-        self._corner: tuple[int, int, Picture] | None = None
+        self._corner: tuple[Picture, Cell] | None = None
 
         # the map in the middle of a strip of paper
         self.margin = top = round(18 * self.unit)
@@ -106,28 +107,16 @@ class MapDrawing:
         self.map[on] = PAPER
         self.map[on & stripe] = UNKNOWN
 
-    def overview(self, whole: Picture, part: Rectangle, away: Points) -> None:
-        """Have the whole map drawn, small, in the corner that is farthest `away` from these cells,
-        with the part (in pixels of it) that the picture shows.
+    def overview(self, whole: Picture, part: Rectangle, corner: Cell) -> None:
+        """Have the whole map drawn, small, in a corner (0 or 1, 0 or 1), with the part (in pixels
+        of it) that the picture shows.
         """
-        height, width = whole.shape[:2]
         row, col, rows, cols = part
-        cv2.rectangle(whole, (col, row), (col + cols - 1, row + rows - 1), PAPER, 4)
-        cv2.rectangle(whole, (col, row), (col + cols - 1, row + rows - 1), INK, 2)
-        bordered = cv2.copyMakeBorder(whole, 2, 2, 2, 2, cv2.BORDER_CONSTANT, value=INK)
-        framed = np.asarray(bordered, np.uint8)
-        high, wide = framed.shape[:2]
-        down, across = (self.map.shape[0] - high, self.map.shape[1] - wide)
-        if min(down, across) < 0:
-            return
-        places = np.subtract(self._points(away)[:, ::-1], (self.margin, self.left))
-
-        def room(corner: Cell) -> float:
-            middle = np.add(corner, (high / 2, wide / 2))
-            return float(np.abs((places - middle) / (high, wide)).max(1).min())
-
-        top, left = max([(0, across), (0, 0), (down, across), (down, 0)], key=room)
-        self._corner = (top, left, framed)
+        last = (col + cols - 1, row + rows - 1)
+        for colour, width in ((PAPER, 4), (INK, 2)):
+            cv2.rectangle(whole, (col, row), last, colour, width)
+        framed = cv2.copyMakeBorder(whole, 2, 2, 2, 2, cv2.BORDER_CONSTANT, value=INK)
+        self._corner = (np.asarray(framed, np.uint8), corner)
 
     def line(self, cells: Points, colour: Colour, width: float) -> None:
         """A path, `width` points wide."""
@@ -145,14 +134,6 @@ class MapDrawing:
             self.line(outline, BODY, 1.2)
         return True
 
-    def cross(self, cell: Cell) -> None:
-        """Draw where a search ended."""
-        x, y = self._at(cell)
-        for colour, width in ((INK, 6.0), (PAPER, 4.5), (ENDED, 3.0)):
-            for side in (-8.0, 8.0):
-                ends = np.array([(-side, -8.0), (side, 8.0)]) * self.unit
-                self._stroke(np.add(ends, (x, y)), colour, width)
-
     def ends(self, start: Cell, goal: Cell | None = None) -> None:
         """Draw a square at the start, and a star at the goal, below it."""
         if goal is not None:
@@ -163,10 +144,10 @@ class MapDrawing:
         square = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
         self._polygon(square * 6.5, self._at(start), START)
 
-    def numbered(self, cell: Cell, number: str) -> None:
-        """Draw a place between start and goal, by its number."""
+    def numbered(self, cell: Cell, number: str, colour: Colour = PAPER) -> None:
+        """Draw a place by its number or its sign."""
         x, y = self._at(cell)
-        self._polygon(CIRCLE * 9.0, (x, y), PAPER)
+        self._polygon(CIRCLE * 9.0, (x, y), colour)
         self._text(number, x - 0.5 * self._text_width(number), y)
 
     def swatch(self, colour: Colour, words: str) -> Item:
@@ -174,71 +155,27 @@ class MapDrawing:
         corners = np.array([(0, -7), (22, -7), (22, 7), (0, 7)])
         return self._key(22.0, lambda x, y: self._polygon(corners, (x, y), colour), words)
 
-    def line_key(self, colour: Colour, width: float, words: str) -> Item:
-        """A key: a piece of a line, as it is drawn."""
+    def drawn(self, width: float, strokes: Iterable[Stroke], words: str) -> Item:
+        """A key, `width` points wide: strokes from its left edge and its middle line on."""
 
         def draw(x: float, y: float) -> None:
-            ends = np.array([(0.0, 0.0), (26.0, 0.0)]) * self.unit
-            ends = np.add(ends, (x, y))
-            self._stroke(ends, INK, width + 2.0)
-            self._stroke(ends, colour, width)
+            for points, colour, weight in strokes:
+                self._stroke(np.add(np.multiply(points, self.unit), (x, y)), colour, weight)
 
-        return self._key(28.0, draw, words)
-
-    def unknown_key(self) -> Item:
-        """A key: stripes."""
-        corners = np.array([(0, -7), (22, -7), (22, 7), (0, 7)])
-
-        def draw(x: float, y: float) -> None:
-            self._polygon(corners, (x, y), PAPER)
-            for at in (0.0, 9.0):
-                ends = np.array([(at, 7.0), (at + 13.0, -6.0)]) * self.unit
-                self._stroke(np.add(ends, (x, y)), UNKNOWN, 2.0)
-
-        return self._key(22.0, draw, "unknown")
-
-    def ended_key(self, words: str) -> Item:
-        """A key: the cross."""
-        cross = np.array([(-6, -6), (6, 6), (0, 0), (-6, 6), (6, -6)])
-
-        def draw(x: float, y: float) -> None:
-            middle = np.add(cross * self.unit, (x + 8 * self.unit, y))
-            self._stroke(middle, INK, 4.5)
-            self._stroke(middle, ENDED, 3.0)
-
-        return self._key(16.0, draw, words)
+        return self._key(width, draw, words)
 
     def north(self, degrees: float | None) -> list[Item]:
-        """A key: an arrow to the map's north, degrees clockwise from up; none where it is not
-        known.
+        """A key: an arrow to the map's north, degrees clockwise from up; none where that is
+        unknown.
         """
         if degrees is None:
             return []
         turn = math.radians(degrees)
-        arrow = np.array([(0, 9), (0, -9), (-5, -2), (0, -9), (5, -2)])
-        cos = math.cos(turn)
-        sin = math.sin(turn)
-        turned = arrow @ np.array([(cos, sin), (-sin, cos)])
-
-        def draw(x: float, y: float) -> None:
-            self._stroke(np.add(turned * self.unit, (x + 9 * self.unit, y)), INK, 1.5)
-
-        return [self._key(18.0, draw, "grid north")]
-
-    def cost_bar(self, colours: Picture) -> Item:
-        """A key: colours (N, 3) of costs from 0 to 1."""
-
-        def draw(x: float, y: float) -> None:
-            half = round(7 * self.unit)
-            left = round(x)
-            top = round(y) - half
-            right = left + round(120 * self.unit)
-            bottom = top + 2 * half
-            at = np.linspace(0, len(colours) - 1, right - left).astype(int)
-            self.picture[top:bottom, left:right] = colours[at]
-            cv2.rectangle(self.picture, (left, top), (right, bottom), INK, 1)
-
-        return self._key(120.0, draw, "traversability cost, 0 to 1")
+        right = np.array((math.cos(turn), math.sin(turn)))
+        down = np.array((-math.sin(turn), math.cos(turn)))
+        arrow = [(0, 9), (0, -9), (-5, -2), (0, -9), (5, -2)]
+        turned = [x * right + y * down + (9, 0) for x, y in arrow]
+        return [self.drawn(18.0, [(turned, INK, 1.5)], "grid north")]
 
     def scale(self, cell_size_m: float | None) -> list[Item]:
         """A key: a bar of a round length; none where the size of a cell is not known."""
@@ -248,13 +185,8 @@ class MapDrawing:
         decade = 10.0 ** math.floor(math.log10(most))
         length_m = max(n * decade for n in (1, 2, 5) if n * decade <= most)
         right = length_m / cell_size_m * self.sides[1] / self.unit
-        across = np.array([0.0, 0.0, 0.0, right, right, right])
-        bar = np.column_stack((across, [-5, 5, 0, 0, -5, 5]))
-
-        def draw(x: float, y: float) -> None:
-            self._stroke(np.array([x, y]) + bar * self.unit, INK, 1.5)
-
-        return [self._key(right, draw, metres(length_m))]
+        bar = [(0, -5), (0, 5), (0, 0), (right, 0), (right, -5), (right, 5)]
+        return [self.drawn(right, [(bar, INK, 1.5)], metres(length_m))]
 
     def text_item(self, words: str) -> Item:
         """Words alone."""
@@ -263,8 +195,11 @@ class MapDrawing:
     def finish(self, lines: Sequence[Sequence[Item]]) -> Picture:
         """Add lines of keys below the map, broken where they are too long for it."""
         if self._corner is not None:
-            top, left, framed = self._corner
-            self.map[top : top + framed.shape[0], left : left + framed.shape[1]] = framed
+            small, (down, across) = self._corner
+            high, wide = small.shape[:2]
+            top = down * (self.map.shape[0] - high)
+            left = across * (self.map.shape[1] - wide)
+            self.map[top : top + high, left : left + wide] = small
         bottom, width = self.picture.shape[:2]
         row = 0
         placed = []
