@@ -28,7 +28,7 @@ from nnpp_edge.cli.requests import PlanRequest
 from nnpp_edge.cli.text import Row
 from nnpp_edge.progress import bar
 from nnpp_edge.runtime import Ground, Method, Plan, Planner, Traversability, exercises
-from nnpp_edge.runtime.arrays import Float2D, Floats, headings_along
+from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, holding, nearest, widened
 from nnpp_edge.runtime.compiled.notice import told_if_slow
 from nnpp_edge.runtime.errors import InvalidQueryError, TerrainError
@@ -39,11 +39,10 @@ from nnpp_edge.runtime.options import PlanOptions, StepOptions
 from nnpp_edge.runtime.planners.query import problem_with
 from nnpp_edge.runtime.planners.tour import Tour
 from nnpp_edge.runtime.planners.windowed import WindowedPlanner
-from nnpp_edge.runtime.robots.body.attitude import attitudes
 from nnpp_edge.runtime.tuning import LARGE_MAP
 from nnpp_edge.terrain.dem import Dem, DemWindows, part_of
 from nnpp_edge.terrain.georeference import Place
-from nnpp_edge.terrain.route import Route
+from nnpp_edge.terrain.route import Route, standing_along
 from nnpp_edge.viz.picture import Chart, Reached, body_outlines, plan_picture, refused_on
 from nnpp_edge.viz.sheet import Picture
 
@@ -340,17 +339,9 @@ def _route(plan: Plan, cost: Float2D, dem: Dem, ground: Ground, planner: Planner
     """The route of a plan over known ground, with how a vehicle stands along it."""
     assert plan.along is not None
     route = Route.of(plan.line, plan.along, cost, dem)
-    vehicle = ground.vehicle
-    if vehicle is None or len(plan.path) < 2:
+    if ground.vehicle is None:
         return route
-    poses = planner.state.grid.robot.poses
-    standing = {} if poses is None else attitudes(poses, plan.walked)._asdict()
-    heading: dict[str, Floats] = {"heading_deg": headings_along(plan.along.points)}
-    if (drive := plan.drive) is not None:
-        heading = {"heading_deg": drive.poses[:, 2], "gear": drive.gears.astype(np.float64)}
-        standing = {name: numbers[drive.steps] for name, numbers in standing.items()}
-        standing["curvature_per_m"] = drive.curvatures_per_m
-    return replace(route, standing=heading | standing)
+    return replace(route, standing=standing_along(plan, planner.state.grid.robot.poses))
 
 
 def _by_way_of(planner: Planner, tour: Tour, **options: Unpack[PlanOptions]) -> Plan:

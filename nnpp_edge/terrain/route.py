@@ -10,10 +10,13 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 
-from nnpp_edge.runtime.arrays import Float2D, Float32, Floats
+from nnpp_edge.runtime.arrays import Float2D, Float32, Floats, headings_along
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import optional_module
 from nnpp_edge.runtime.map.along import Along, Line
+from nnpp_edge.runtime.planners.plan import Plan
+from nnpp_edge.runtime.robots.body.attitude import attitudes
+from nnpp_edge.runtime.robots.body.poses import Poses
 from nnpp_edge.terrain.coordinates import lonlat_of
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.georeference import Place, Point
@@ -179,6 +182,20 @@ class Route:
             known = f"<ele>{height:.3f}</ele>" if math.isfinite(height) else ""
             out.append(f'<trkpt lat="{lat:.8f}" lon="{lon:.8f}">{known}</trkpt>')
         return "\n".join([*out, "</trkseg></trk>", "</gpx>", ""]).encode()
+
+
+def standing_along(plan: Plan, poses: Poses | None) -> dict[str, Floats]:
+    """How a vehicle stands at each point along its plan, as of `Route.standing`."""
+    if plan.along is None or len(plan.path) < 2:
+        return {}
+    heading = headings_along(plan.along.points)
+    standing = {} if poses is None else attitudes(poses, plan.walked)._asdict()
+    if (drive := plan.drive) is None:
+        return {"heading_deg": heading, **standing}
+    standing = {name: numbers[drive.steps] for name, numbers in standing.items()}
+    gears = drive.gears.astype(np.float64)
+    driven = {"heading_deg": drive.poses[:, 2], "gear": gears}
+    return {**driven, **standing, "curvature_per_m": drive.curvatures_per_m}
 
 
 def _known(number: float) -> float | None:
