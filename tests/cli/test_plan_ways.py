@@ -23,7 +23,7 @@ from nnpp_edge.runtime.planners.turns import curvatures
 from nnpp_edge.terrain.vehicle_files import load_mobility, load_vehicle
 from nnpp_edge.viz.palette import BODY as OUTLINE
 from nnpp_edge.viz.palette import POINT, REFUSED
-from nnpp_edge.viz.picture import tinted
+from nnpp_edge.viz.picture import Tint, tinted
 from tests.cli.grounds import BODY, ENDS, GRID, PLACE, layer, rolling, written
 
 PLAN = f"plan hills.tif {ENDS}"
@@ -310,7 +310,7 @@ def test_without_a_path_a_body_is_told_by_which_limit_and_the_picture_has_its_co
     picture = cv2.imread("out/plan.png")
     for limit, seen in (("tilt", True), ("unknown", True), ("pitch", False)):
         colour, _ = REFUSED[REFUSALS.index(limit)]
-        key = tinted(0.6, colour)  # of the legend
+        key = tinted(Tint(None, 0.6, colour, ""))  # of the legend
         assert (picture == key).all(2).any() == seen, limit
 
 

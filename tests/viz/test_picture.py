@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from nnpp_edge.runtime import Method, Plan, Planner, Source, Vehicle
+from nnpp_edge.runtime.cells import slices
 from nnpp_edge.runtime.errors import OutputError, Status
 from nnpp_edge.runtime.kernels.poses import REFUSALS
 from nnpp_edge.viz.palette import BODY, GOAL, OPTIMUM, PATH, POINT, START
@@ -15,7 +16,6 @@ from nnpp_edge.viz.picture import (
     Chart,
     Reached,
     body_outlines,
-    cost_map_picture,
     cost_picture,
     hillshade,
     plan_picture,
@@ -69,7 +69,7 @@ def test_unknown_ground_and_any_shape_can_be_shaded(shape, recwarn):
     ],
 )
 def test_small_maps_are_enlarged_by_whole_factors_and_large_ones_reduced(shape, drawn):
-    picture = cost_map_picture(Chart(some_cost(*shape)))
+    picture = Chart(some_cost(*shape)).picture()
     height, width, _ = picture.shape
     unit = max(1.0, max(drawn) / 1000)
     assert max(drawn[1], 800) < width < max(drawn[1], 800) + 50 * unit
@@ -111,11 +111,12 @@ def test_a_short_path_is_shown_with_the_ground_around_it_and_the_map_in_a_corner
     plan = Planner(chart.cost).plan((100, 100), (200, 180), method="astar")
     row, col, rows, cols = part = chart.around(plan.path)
     assert 0 < row < 100 and 0 < col < 100 and max(rows, cols) < 200
-    shown = chart.drawing(part, plan.path).finish([])
-    plain = chart.drawing(part).finish([])
-    rim = (shown != plain).any(-1)
-    assert 0.01 < rim.mean() < 0.1, "the overview"
-    assert not rim[: len(rim) // 2, : rim.shape[1] // 2].any(), "away from the start"
+    picture = chart.picture((100, 100), (200, 180), part=part)
+    alone = replace(chart, cost=chart.cost[slices(part)], elevation=heights[slices(part)])
+    plain = alone.picture((100 - row, 100 - col), (200 - row, 180 - col))
+    corner = (picture[: len(plain)] != plain)[:, :, 0]
+    assert 0.01 < corner.mean() < 0.1, "the overview"
+    assert not corner[: len(corner) // 2, : corner.shape[1] // 2].any(), "away from the start"
     assert chart.around(np.array([(0, 0), (999, 900)])) == chart.whole
     picture = plan_picture(chart, plan, (100, 100), (200, 180))
     assert count(picture, PATH) > 1000
@@ -163,7 +164,7 @@ def test_maps_of_any_shape_are_drawn(shape):
 
 
 def test_a_picture_is_written_whole(tmp_path):
-    picture = cost_map_picture(Chart(some_cost(20, 30), None, (1.0, 1.0)))
+    picture = Chart(some_cost(20, 30), None, (1.0, 1.0)).picture()
     save_picture(tmp_path / "map.png", picture)
     np.testing.assert_array_equal(cv2.imread(str(tmp_path / "map.png")), picture)
     with pytest.raises(OutputError, match="could not be written"):
