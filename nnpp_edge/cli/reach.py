@@ -101,12 +101,14 @@ def command(
     from nnpp_edge.cli.maps import Near, chart_of, cost_of, priced, refuse, size_in_words, size_of
     from nnpp_edge.files import write_all
     from nnpp_edge.runtime import Planner
+    from nnpp_edge.runtime.compiled.notice import told_if_slow
     from nnpp_edge.runtime.planners.query import problem_with
     from nnpp_edge.terrain.rasters import raster_bytes
     from nnpp_edge.terrain.route import Reach
     from nnpp_edge.viz.picture import png_bytes, reach_picture
 
-    terrain = robot.read(dem)
+    with told_if_slow(f"reading {dem}"):
+        terrain = robot.read(dem)
     cell = start.one_cell(terrain, "--start")
     step_cost = "energy" if measure == "energy" else robot.step_cost
     if measure == "time" and not in_seconds:
@@ -123,7 +125,9 @@ def command(
     if problem := problem_with(planner.state.grid, cell, cell):
         refuse(problem, cell, cell, Near.of(terrain, ground, cost, planner))
     shares = tuple((most * np.arange(1, levels + 1) / levels).tolist())
-    found = Reach(planner.reach(cell, most), shares, measure, unit_of(step_cost), terrain)
+    with told_if_slow("searching"):
+        field = planner.reach(cell, most)
+    found = Reach(field, shares, measure, unit_of(step_cost), terrain)
 
     def words(level: float) -> str:
         if measure == "cost":

@@ -224,8 +224,11 @@ class Chart:
             stripes = [([(at, 7), (at + 13, -6)], UNKNOWN, 2.0) for at in (0, 9)]
             keys.append(drawing.drawn(22.0, stripes, "unknown"))
         costs = cost_picture(np.linspace(0.0, 0.999, 30, dtype=np.float32)[None])[0].tolist()
-        bar = [([(4 * at, 0), (4 * at + 4, 0)], colour, 13.0) for at, colour in enumerate(costs)]
-        keys.append(drawing.drawn(120.0, bar, "traversability cost, 0 to 1"))
+        bar = [
+            ([(x, 0), (x + 4, 0)], each, 13.0)
+            for x, each in zip(range(7, 127, 4), costs, strict=True)
+        ]
+        keys.append(drawing.drawn(137.0, bar, "traversability cost, 0 to 1"))
         scale = drawing.scale(None if self.sides_m is None else self.sides_m[1])
         words = [drawing.text_item(fact) for fact in facts]
         return drawing.finish([keys, words + scale + drawing.north(self.north_deg)])
