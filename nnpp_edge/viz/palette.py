@@ -1,5 +1,5 @@
 """The colours of all pictures, which people with any colour vision tell apart: those of Okabe and
-Ito (2008), and greys.
+Ito (2008) and of Tol (2021), and greys.
 
 They are blue, green, red, OpenCV's order.
 """
@@ -38,12 +38,12 @@ UNKNOWN = _of("8c8c8c")
 REGION = _of("0072b2")
 REACHED = _of("009e73")
 REFUSED: tuple[tuple[Colour, str], ...] = (
-    (_of("5b6472"), "unknown ground, obstacle or edge"),
-    (_of("d55e00"), "too steep"),
+    (_of("56b4e9"), "unknown ground, obstacle or edge"),
+    (_of("882255"), "too steep"),
     (_of("e69f00"), "too steep ahead"),
-    (_of("cc79a7"), "too steep sideways"),
-    (_of("f0e442"), "rock under a wheel"),
-    (_of("009e73"), "ground touches the belly"),
+    (_of("332288"), "too steep sideways"),
+    (_of("999933"), "rock under a wheel"),
+    (_of("117733"), "ground touches the belly"),
 )
 """Colour, and words of the legend, of ground where a limit refuses a vehicle, by its place in
 `REFUSALS`.

@@ -52,7 +52,7 @@ T = TypeVar("T", bound=np.generic)
 
 MOST_SHOWN = 1 << 20
 """Cells of a map whose poses are all checked for a picture, a tenth of a second."""
-_NO_STAND = 0.6
+_NO_STAND = 0.75
 _BAND = 0.5
 _TINT = 0.3
 """How strongly cells are coloured where a vehicle stands in no heading, bands of what can be

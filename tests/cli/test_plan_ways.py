@@ -310,7 +310,7 @@ def test_without_a_path_a_body_is_told_by_which_limit_and_the_picture_has_its_co
     picture = cv2.imread("out/plan.png")
     for limit, seen in (("tilt", True), ("unknown", True), ("pitch", False)):
         colour, _ = REFUSED[REFUSALS.index(limit)]
-        key = tinted(Tint(None, 0.6, colour, ""))  # of the legend
+        key = tinted(Tint(None, 0.75, colour, ""))  # of the legend
         assert (picture == key).all(2).any() == seen, limit
 
 

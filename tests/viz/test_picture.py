@@ -10,16 +10,18 @@ from nnpp_edge.runtime import Method, Plan, Planner, Source, Vehicle
 from nnpp_edge.runtime.cells import slices
 from nnpp_edge.runtime.errors import OutputError, Status
 from nnpp_edge.runtime.kernels.poses import REFUSALS
-from nnpp_edge.viz.palette import BODY, GOAL, OPTIMUM, PATH, POINT, START
+from nnpp_edge.viz.palette import BODY, DRIVEN, GOAL, OPTIMUM, PATH, POINT, REFUSED, START
 from nnpp_edge.viz.picture import (
     SHUT_GROUND,
     Chart,
     Reached,
+    Tint,
     body_outlines,
     cost_picture,
     hillshade,
     plan_picture,
     save_picture,
+    tinted,
 )
 from tests.strategies import uniform
 
@@ -219,3 +221,33 @@ def test_another_path_and_outlines_are_drawn_where_they_are_given():
     )
     assert count(more, POINT) > count(plain, POINT) + 100
     assert count(more, BODY) > count(plain, BODY) + 100
+
+
+# linear RGB as it is seen without one kind of cone (Machado, Oliveira and Fernandes 2009)
+WITHOUT = (
+    np.eye(3),
+    [[0.152, 1.053, -0.205], [0.115, 0.786, 0.099], [-0.004, -0.048, 1.052]],
+    [[0.367, 0.861, -0.228], [0.280, 0.673, 0.047], [-0.012, 0.043, 0.969]],
+    [[1.256, -0.077, -0.179], [-0.078, 0.931, 0.148], [0.005, 0.691, 0.304]],
+)
+TO_XYZ = [[0.434, 0.376, 0.190], [0.213, 0.715, 0.072], [0.018, 0.109, 0.873]]  # white is 1, 1, 1
+
+
+def seen(colour, matrix):
+    """Lightness and two axes of colour, CIELAB."""
+    linear = (np.array(colour[::-1]) / 255.0) ** 2.2
+    x, y, z = np.cbrt(TO_XYZ @ (np.array(matrix) @ linear).clip(0.0, 1.0))
+    return np.array([116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)])
+
+
+@pytest.mark.parametrize("matrix", WITHOUT)
+def test_lines_marks_and_areas_are_told_apart_with_any_colour_vision(matrix):
+    areas = [tinted(Tint(None, 0.75, colour, "")) for colour, _ in REFUSED]
+    ground = tuple(cost_picture(np.zeros((1, 1), np.float32))[0, 0].tolist())
+    lines = [PATH, OPTIMUM, DRIVEN, START, GOAL]
+    for colours, least in ((lines, 15.0), ([*areas, SHUT_GROUND, ground], 15.0)):
+        looks = [seen(colour, matrix) for colour in colours]
+        apart = [
+            np.linalg.norm(one - other) for at, one in enumerate(looks) for other in looks[at + 1 :]
+        ]
+        assert min(apart) > least
