@@ -131,6 +131,7 @@ def _frame(scene: Scene, message: PathMessage) -> Picture:
         scene.goal,
         lines=lines,
         outlines=_bodies(robot, message.path),
+        begin="robot",
         least=_FRAME_PIXELS,
     )
 

@@ -177,12 +177,14 @@ class Chart:
         ended: Cell | None = None,
         part: Rectangle | None = None,
         facts: Iterable[str] = (),
+        begin: str = "start",
         least: int = LEAST_PIXELS,
     ) -> Picture:
         """Draw a `part` of the map, by default all, with a legend; in a corner all of it, small.
 
         Lines lie one over the other, the first lowest; `outlines` of a body are left out where
-        they would be dots; `ended` is where a search without a path did.
+        they would be dots; `ended` is where a search without a path did; the start's key is
+        `begin`.
         """
         row, col, rows, cols = part = part or self.whole
         step = max(max(rows, cols) // _MOST_CELLS, 1)
@@ -191,7 +193,7 @@ class Chart:
         drawing.hatched(unknown[slices(part)][::step, ::step])
         keys = []
         if start is not None:
-            keys.append(drawing.swatch(START, "start"))
+            keys.append(drawing.swatch(START, begin))
         if goal is not None:
             keys.append(drawing.swatch(GOAL, "goal"))
         for line in lines:
