@@ -33,9 +33,9 @@ $(DEMO)/ready: pyproject.toml
 
 demo: $(DEMO)/ready
 	$(DEMO)/bin/nnpp-edge plan sample:moon_highlands --rescale 20 --workload limit20 \
-		--start 90,60 --goal 450,470 --method nnpp --compare --hillshade -o demo-out
+		--start 90,60 --goal 450,470 --method nnpp --compare -o demo-out
 	$(DEMO)/bin/nnpp-edge plan sample:moon_rocks --vehicle large-rover --set clearance_m=0.4 --set max_step_m=0.3 \
-		--start 60,9 --goal 60,113 --method astar --compare --hillshade -o demo-out/vehicle
+		--start 60,9 --goal 60,113 --method astar --compare -o demo-out/vehicle
 
 $(DEV)/ready: pyproject.toml
 	$(PYTHON) -m venv $(DEV)

@@ -26,14 +26,14 @@ rover = replace(load_vehicle("large-rover"), clearance_m=0.4, max_step_m=0.3)
 point = Planner.of_elevation(dem.elevation, dem.cell_size_m, warn=False).plan(
     START, GOAL, method="astar"
 )
-figure, (panel,) = panels(1, width=10.0, height=5.6)
+figure, (panel,) = panels(1, width=8.8, height=5.6)
 plans = {  # each by a planner that has checked no pose yet
     method: Planner.of_elevation(dem.elevation, dem.cell_size_m, vehicle=rover).plan(
         START, GOAL, method=method
     )
     for method in ("corridor", "astar")
 }
-words = "     ".join(
+words = "\n".join(
     f"{name}: {plan.checks:,} poses checked, cost {plan.cost:.1f}" for name, plan in plans.items()
 )
 print(words)
@@ -41,7 +41,7 @@ relief(panel, dem, words, 10)
 line(panel, point.path, "path of a point", "white")
 line(panel, plans["astar"].path, "path of the rover")
 for outline in body_outlines(plans["astar"].path, rover, (dem.cell_size_m, dem.cell_width_m)):
-    panel.plot(outline[:, 1], outline[:, 0], color="lime", linewidth=2.0)
+    panel.plot(outline[:, 1], outline[:, 0], color="black", linewidth=1.6)
 ends(panel, START, GOAL)
 panel.set_ylim(84, 36)
 save(figure)

@@ -37,6 +37,7 @@ for panel, (name, (start, goal, bar_m)) in zip(axes, QUERIES.items(), strict=Tru
         dem,
         f"{name.replace('_', ' ')}\n{metres(plan.ground_length_m)}, {plan.climb_m:.0f} m up",
         bar_m,
+        workload("limit20"),
     )
     line(panel, plan.path, "path")
     ends(panel, start, goal)

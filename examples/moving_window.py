@@ -55,7 +55,7 @@ class Rover:
         self.driven += [(int(row), int(col)) for row, col in answer.path[1:4]]
 
 
-(figure, axes), body = panels(len(DRAWN)), load_vehicle("large-rover")
+(figure, axes), body = panels(len(DRAWN), height=3.5), load_vehicle("large-rover")
 ground = Ground.of_elevation(np.full(TRUTH.shape, np.nan), TRUTH.cell_size_m, vehicle=body)
 rover = Rover(Navigator(ground, approach=True), axes)
 counters = Loop(rover.navigator, rover, paced=False, after_tick=rover.follow).run(DRAWN[-1])

@@ -53,7 +53,7 @@ best = whole.plan(START, GOAL, method="astar")
 for prior, panel in zip(NAMES, axes, strict=True):
     driven = drive(prior)
     excess = whole.state.grid.costs_of(driven)[0] / best.cost - 1.0
-    relief(panel, TRUTH, f"{NAMES[prior]}: +{100.0 * excess:.1f} %", 1000)
+    relief(panel, TRUTH, f"{NAMES[prior]}: +{100.0 * excess:.1f} %", 1000, LIMITS)
     line(panel, best.path, "optimum, all known", "white")
     line(panel, driven, "driven")
     ends(panel, START, GOAL)

@@ -82,7 +82,7 @@ def _write(
     """
     import numpy as np
 
-    from nnpp_edge.cli.maps import cost_of
+    from nnpp_edge.cli.maps import chart_of, cost_of
     from nnpp_edge.files import staged, write_all, write_whole
     from nnpp_edge.progress import bar
     from nnpp_edge.runtime.errors import OutputError
@@ -90,7 +90,7 @@ def _write(
     from nnpp_edge.runtime.terrain.windows import CostWindows
     from nnpp_edge.terrain.dem import Dem
     from nnpp_edge.terrain.rasters import geotiff_stream, raster_bytes
-    from nnpp_edge.viz.picture import cost_map_picture, png_bytes
+    from nnpp_edge.viz.picture import Chart, png_bytes
 
     nodata = np.float32(np.nan)
     if isinstance(ground, Dem):
@@ -104,11 +104,12 @@ def _write(
             size = ground.cell_size_m
             width = ground.cell_width_m
             np.savez_compressed(content, cost=cost, cell_size_m=size, cell_width_m=width)
-        drawn = cost_map_picture(cost, cell_size_m=ground.cell_width_m)
+        drawn = chart_of(ground, cost).picture()
         write_all({output: content.getvalue(), picture: png_bytes(drawn)})
         return float(np.isfinite(cost).mean())
     passable = 0
     sampled = []
+    heights = []
     step = -(-max(ground.shape) // _MOST_PIXELS)
     with staged(output) as temporary:
         with (
@@ -116,11 +117,15 @@ def _write(
             bar("cost map", ground.shape[0]) as progress,
             geotiff_stream(temporary, ground.shape, ground.georeference) as write,
         ):
-            for row, _, cost in CostWindows(ground, limits).bands():
+            for row, elevation, cost in CostWindows(ground, limits).bands():
                 write(row, np.where(np.isfinite(cost), cost, nodata))
                 passable += int(np.isfinite(cost).sum())
-                sampled.append(cost[-row % step :: step, ::step].copy())
+                every = (slice(-row % step, None, step), slice(None, None, step))
+                sampled.append(cost[every].copy())
+                heights.append(elevation[every].copy())
                 progress(row + len(cost))
-        drawn = cost_map_picture(np.concatenate(sampled), cell_size_m=ground.cell_width_m * step)
+        sides_m = (ground.cell_size_m * step, ground.cell_width_m * step)
+        chart = Chart(np.concatenate(sampled), np.concatenate(heights), sides_m, ground.north_deg)
+        drawn = chart.picture()
         write_whole(picture, png_bytes(drawn))
     return passable / math.prod(ground.shape)

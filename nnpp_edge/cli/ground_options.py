@@ -5,7 +5,7 @@ cost.
 import math
 import warnings
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
@@ -41,6 +41,8 @@ and those along it after the resampling that it names.
 """
 _ROUNDED_UP = 1.05
 """By how much a number may be larger than its first two digits."""
+_EARTH = 9.80665
+"""m/s², as of `gravity_of`: elsewhere nobody walks unless that is asked for."""
 _MOST_UNEQUAL_GRAVITY = 0.01
 """Share by which the map's gravity may differ from the file's before a warning says so."""
 
@@ -161,7 +163,10 @@ class VehicleOptions:
         source = Path(self.mobility_file or self.vehicle or "--set").name
         found = mobility_of(values["mobility"], source) if "mobility" in values else Mobility()
         own_gravity = any("gravity_m_s2" in each.word for each in self.settings)
-        gravity = None if place is None or own_gravity else gravity_of(place)
+        of_body = None if place is None else gravity_of(place)
+        if of_body not in (None, _EARTH) and self.step_cost not in ("tobler", "irmischer"):
+            found = replace(found, tobler=None)
+        gravity = None if own_gravity else of_body
         if gravity is None or found.energy is None:
             return found
         own = found.energy.gravity_m_s2
@@ -229,7 +234,10 @@ class GroundOptions(VehicleOptions, TerrainOptions):
         """As `TerrainOptions.read`; a warning says where cells of the file lie on a map that was
         made finer.
         """
-        dem = super().read(path)
+        return self.made_finer(super().read(path), "file")
+
+    def made_finer(self, dem: "Dem", what: str) -> "Dem":
+        """The map with finer cells, if these are asked for; `what` it is, for the warning."""
         if self.resample is None:
             return dem
         finer = dem.resampled(self.resample)
@@ -237,7 +245,7 @@ class GroundOptions(VehicleOptions, TerrainOptions):
         times = dem.cell_size_m / finer.cell_size_m
         warnings.warn(
             f"resampled to {rows} × {cols} cells of {finer.cell_size_m:g} m: cell (row, col) of "
-            "the file is now "
+            f"the {what} is now "
             f"({times:.4g} row, {times:.4g} col); xy:X,Y is the same place on both maps",
             stacklevel=2,
         )

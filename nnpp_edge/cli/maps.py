@@ -33,7 +33,7 @@ from nnpp_edge.terrain import dem as dems
 from nnpp_edge.terrain.coordinates import lonlat_corners
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.georeference import Place
-from nnpp_edge.viz.picture import hillshade
+from nnpp_edge.viz.picture import Chart
 
 _MOST_UNEQUAL_SIDES = 0.05
 """Cells whose sides differ by more than this share are warned of."""
@@ -109,9 +109,9 @@ def cost_of(dem: Dem, limits: Traversability) -> Float2D:
     )
 
 
-def shade_of(dem: Dem) -> NDArray[np.uint8]:
-    """The relief that --hillshade asks for."""
-    return hillshade(dem.elevation, dem.cell_size_m, dem.cell_width_m)
+def chart_of(dem: Dem, cost: Float2D) -> Chart:
+    """The map to draw on."""
+    return Chart(cost, dem.elevation, (dem.cell_size_m, dem.cell_width_m), dem.north_deg)
 
 
 def priced(ground: Ground, cost: Float2D) -> Ground:

@@ -305,7 +305,6 @@ Resample = Annotated[
     "adds no detail, but a vehicle may stand and step between the cells.",
 ]
 TerrainFiles = Annotated[tuple[Path, ...], MAP, MANY, "Elevation file. May be repeated."]
-Hillshade = Annotated[bool, "Draw the relief instead of the cost."]
 StepCost = Annotated[
     str,
     click.Choice(list(STEP_COSTS)),

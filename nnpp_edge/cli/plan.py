@@ -9,10 +9,14 @@ from nnpp_edge.cli import options
 from nnpp_edge.cli.ground_options import GroundOptions
 from nnpp_edge.cli.requests import PlanRequest
 from nnpp_edge.cli.text import tell
+from nnpp_edge.runtime.compiled.notice import told_if_slow
 from nnpp_edge.runtime.options import PlanOptions, StepOptions
 
 _OUTPUT = "Folder for path.geojson, path.csv, plan.png and plan.json."
-_FORMATS = "Also write the path as GeoPackage or GPX, path.gpkg or path.gpx."
+_FORMATS = (
+    "Also write the path as GPX, path.gpx, or as GeoPackage with its stations and legs, path.gpkg "
+    "and for QGIS path.qml."
+)
 _BYTES_PER_CELL = 24
 """At the peak of planning on a whole map: 19 to 23 measured, the most by `nnpp`
 (docs/decisions/maps.md).
@@ -67,29 +71,34 @@ def command(
         "plan.png",
         "plan.json",
         *(f"path.{name}" for name in formats),
+        *(["path.qml"] if "gpkg" in formats else []),
     )
     outputs = [("--output", output / name) for name in names] if output else []
     robot.check_turns(query.get("refine"))
     robot.limits()  # those that make no sense are refused before any work
-    options.check_outputs(*outputs, more_inputs=request.files, make_folders=True)
+    figure = ("--figure", request.figure)
+    options.check_outputs(*outputs, figure, more_inputs=request.files, make_folders=True)
 
-    from nnpp_edge.cli.maps import reads_by_windows
-    from nnpp_edge.cli.planning import plan_by_windows, plan_in_memory
-    from nnpp_edge.runtime.memory import DIRECTED_BYTES_PER_CELL, bytes_per_cell
+    with told_if_slow("loading the package"):
+        from nnpp_edge.cli.maps import reads_by_windows
+        from nnpp_edge.cli.planning import plan_by_windows, plan_in_memory
+        from nnpp_edge.runtime.memory import DIRECTED_BYTES_PER_CELL, bytes_per_cell
 
     directed = robot.step_cost != "paper"
     body = robot.body()
     per_cell = (
         _BYTES_PER_CELL + (bytes_per_cell(body) if body else 0) + DIRECTED_BYTES_PER_CELL * directed
     )
-    if reads_by_windows(dem, memory, per_cell, whole=directed or body is not None):
+    whole = directed or body is not None
+    if request.crop is None and reads_by_windows(dem, memory, per_cell, whole=whole):
         answer = plan_by_windows(request, query, steps, dem, robot)
     else:
         answer = plan_in_memory(
             request, query, steps, dem, robot, model=model, drawn=output is not None
         )
     answer.warn_if_close()
-    files = answer.save([path for _, path in outputs])
+    with told_if_slow("drawing and writing"):
+        files = answer.save([path for _, path in outputs], request.figure)
     tell(as_json, answer.figures(files), lambda: answer.text(files))
     if not answer.plan.ok:
         click.get_current_context().exit(1)

@@ -9,15 +9,16 @@ from math import isfinite, nan
 from pathlib import Path
 
 from nnpp_edge.cli.maps import size_in_words, size_of
-from nnpp_edge.cli.text import Row, aligned, columns, duration, table
+from nnpp_edge.cli.text import Row, aligned, columns, duration, table, work
 from nnpp_edge.files import write_all
 from nnpp_edge.runtime import Plan, Vehicle
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.planners.tour import Tour
 from nnpp_edge.runtime.robots.slope.cost import unit_of
-from nnpp_edge.terrain.route import Route
-from nnpp_edge.viz.picture import png_bytes
+from nnpp_edge.terrain.route import Facts, Leg, Route
+from nnpp_edge.terrain.styles import LINE_STYLE
+from nnpp_edge.viz.picture import Reached, png_bytes
 from nnpp_edge.viz.sheet import Picture, metres
 
 _PROPERTIES = ("status", "method", "source", "cost")
@@ -25,6 +26,11 @@ _PROPERTIES = ("status", "method", "source", "cost")
 _CLOSE = 0.1
 """Share of a body's limit below which what is left of it is warned of."""
 _ANGLES = (("pitched", "pitch"), ("rolled", "roll"), ("tilted", "tilt"))
+_LIKELY = (
+    "likely within 2 % of the optimum",
+    "likely within 4 % of the optimum",
+)
+"""Of a point and of a body: 95 of 100 measured paths are (docs/results.md)."""
 _WINDOWS = (
     "{gigabytes:.2f} GB by windows, {again:.1f} % of the cells again, coarse levels in "
     "{map_s:.1f} s, peak memory {peak_memory_gb:.2f} GB"
@@ -45,6 +51,10 @@ class Answer:
     start: Cell
     goal: Cell
     picture: Callable[[], Picture]
+    figure: Callable[[str], bytes]
+    """Makes the figure for a paper, of a kind such as ``.pdf``."""
+    names: Sequence[str]
+    """Of the stops, from start to goal."""
     goals: Sequence[tuple[Cell, Plan]] = ()
     """Where several goals were given: each with its plan, the nearest first."""
     compared: Sequence[Row] = ()
@@ -59,8 +69,8 @@ class Answer:
     step_cost: str = "paper"
     tour: Tour | None = None
     """Where the path leads by way of other places."""
-    reached: int | None = None
-    """Cells that can be reached from the start, where no path leads to the goal."""
+    ended: Reached | None = None
+    """Where no path leads to the goal."""
     hard_slope_deg: float = math.inf
     """Slope of a cell's fitted plane beyond which it is impassable; inf without a limit, or where
     poses decide.
@@ -143,7 +153,11 @@ class Answer:
             "files": files,
         }
         figures |= {name: value for name, value in more.items() if value}
-        return figures if self.reached is None else figures | {"reached_cells": self.reached}
+        if self.ended is not None:
+            figures["reached_cells"] = int(self.ended.cells.sum())
+            figures["reached_from"] = self.ended.begun
+            figures["closest_cell"] = self.ended.closest
+        return figures
 
     def properties(self) -> dict[str, object]:
         """Figures that the path carries in files for maps."""
@@ -185,10 +199,14 @@ class Answer:
             yield "CC", f"{plan.traverse_cost:.6g}"
         elif len(plan.path):
             yield "path", f"{len(plan.path)} cells so far, {length}"
-        if self.reached is not None:
+        if self.ended is not None:
             limit = f"; cells steeper than {self.hard_slope_deg:g}° are impassable"
             limited = limit if isfinite(self.hard_slope_deg) else ""
-            yield "reached", f"{self.reached} cells of the map, from the start{limited}"
+            begun = self.ended.begun
+            other = "goal" if begun == "start" else "start"
+            reached = f"{self.ended.cells.sum()} cells of the map, from the {begun}"
+            closest = f"{self.ended.closest} is the closest to the {other}"
+            yield "reached", f"{reached}; {closest}{limited}"
         if self.vehicle is not None and plan.ok and "tilt_deg" in self.route.standing:
             worst = self.route.worst
             angles = [
@@ -214,14 +232,14 @@ class Answer:
         along = self.plan.along
         if along is None or not isfinite(numbers.climb_m):
             return {}
-        energy = ""
+        way = [f"{duration(numbers.time_s)} {along.time_by}"] if along.time_by else []
         if (model := along.mobility.energy) is not None:
-            energy = f", {numbers.energy_j / 1000.0:.4g} kJ at {model.gravity_m_s2:.3g} m/s²"
+            way.append(f"{work(numbers.energy_j)} at {model.gravity_m_s2:.3g} m/s²")
         return {
             "ground": f"{metres(numbers.ground_length_m)} long, {metres(numbers.climb_m)} up and "
             f"{metres(numbers.descent_m)} down, at most {numbers.steepest_up_deg:.1f}° up and "
             f"{numbers.steepest_down_deg:.1f}° down",
-            "way": f"{duration(numbers.time_s)} {along.time_by}{energy}",
+            "way": ", ".join(way),
         }
 
     def _order(self, tour: Tour) -> str:
@@ -246,25 +264,52 @@ class Answer:
         least = f"{self.plan.lower_bound:.6g}"
         if math.isinf(self.plan.bound):
             return f"no path costs less than {least}"
-        return f"at most {self.plan.bound:.3f} times the optimum (no path costs less than {least})"
+        least = f"(no path costs less than {least})"
+        if self.plan.states is not None:
+            return f"proven to be at most {self.plan.bound:.3f} times the optimum {least}"
+        likely = _LIKELY[self.vehicle is not None]
+        return f"{likely}, proven to be at most {self.plan.bound:.3f} times it {least}"
 
-    def save(self, paths: list[Path]) -> list[str]:
+    @property
+    def stops(self) -> Sequence[Cell]:
+        """Start, the places between in the order of visits, and goal."""
+        return self.tour.stops if self.tour else (self.start, self.goal)
+
+    def save(self, paths: list[Path], figure: Path | None) -> list[str]:
         """Write all files, or none; their names."""
-        files = [str(path) for path in paths]
-        write_all({path: self._content(path, files) for path in paths})
+        files = [str(path) for path in [*paths, figure] if path is not None]
+        contents = {path: self._content(path, files) for path in paths}
+        if figure is not None:
+            contents[figure] = self.figure(figure.suffix.lower())
+        write_all(contents)
         return files
+
+    def _geopackage(self) -> bytes:
+        """The path, its stops and its legs."""
+        roles = ["start", *["via"] * (len(self.stops) - 2), "goal"]
+        stations: list[tuple[Cell, Facts]] = []
+        for (row, col), name, role in zip(self.stops, self.names, roles, strict=True):
+            stations.append(((row, col), {"name": name, "role": role, "row": row, "col": col}))
+        legs: list[Leg] = []
+        for number, leg in enumerate(self.tour.legs if self.tour else (self.plan,), 1):
+            begin, end = self.names[number - 1 : number + 1]
+            told = leg.summary()
+            facts = {"leg": number, "from": begin, "to": end}
+            if leg.along is not None and len(leg.path) > 1:
+                legs.append((leg.along, facts | {name: told[name] for name in _OF_LEGS}))
+        return self.route.geopackage(self.properties(), stations, legs)
 
     def _content(self, path: Path, files: list[str]) -> bytes:
         """The content of a file, by its name."""
         route = self.route
-        stops = self.tour.stops if self.tour else (self.start, self.goal)
         makers: dict[str, Callable[[], bytes]] = {
             "path.geojson": lambda: route.geojson(self.properties()),
             "path.csv": route.csv,
             "plan.json": lambda: json.dumps(self.figures(files), indent=1).encode(),
             "plan.png": lambda: png_bytes(self.picture()),
-            "path.gpkg": lambda: route.geopackage(self.properties()),
-            "path.gpx": lambda: route.gpx("nnpp-edge plan", stops),
+            "path.gpkg": self._geopackage,
+            "path.qml": lambda: LINE_STYLE.encode(),
+            "path.gpx": lambda: route.gpx("nnpp-edge plan", self.stops),
         }
         try:
             return makers[path.name]()

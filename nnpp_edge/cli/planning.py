@@ -1,23 +1,26 @@
 """Planning for `nnpp-edge plan`, on maps in memory and on larger ones."""
 
 import math
+import warnings
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from statistics import median
+from typing import Unpack
 
 import numpy as np
 
-from nnpp_edge.cli.ground_options import GroundOptions
+from nnpp_edge.cli.ground_options import GroundOptions, TerrainOptions
 from nnpp_edge.cli.maps import (
     Near,
+    chart_of,
     cost_of,
     priced,
     refuse,
     refuse_map,
     refuse_outside,
-    shade_of,
     warn_if_not_square,
 )
 from nnpp_edge.cli.plan_answer import Answer
@@ -25,22 +28,22 @@ from nnpp_edge.cli.requests import PlanRequest
 from nnpp_edge.cli.text import Row
 from nnpp_edge.progress import bar
 from nnpp_edge.runtime import Ground, Method, Plan, Planner, Traversability, exercises
-from nnpp_edge.runtime.arrays import Float2D, Floats, headings_along
-from nnpp_edge.runtime.cells import Cell, widened
+from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.cells import Cell, holding, nearest, widened
 from nnpp_edge.runtime.compiled.notice import told_if_slow
-from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.errors import InvalidQueryError, TerrainError
 from nnpp_edge.runtime.map.along import Along
 from nnpp_edge.runtime.memory import peak_bytes
 from nnpp_edge.runtime.network import loading
 from nnpp_edge.runtime.options import PlanOptions, StepOptions
 from nnpp_edge.runtime.planners.query import problem_with
+from nnpp_edge.runtime.planners.tour import Tour
 from nnpp_edge.runtime.planners.windowed import WindowedPlanner
-from nnpp_edge.runtime.robots.body.attitude import attitudes
 from nnpp_edge.runtime.tuning import LARGE_MAP
-from nnpp_edge.terrain.dem import Dem, DemWindows
+from nnpp_edge.terrain.dem import Dem, DemWindows, part_of
 from nnpp_edge.terrain.georeference import Place
-from nnpp_edge.terrain.route import Route
-from nnpp_edge.viz.picture import body_outlines, plan_picture, refused_on
+from nnpp_edge.terrain.route import Route, standing_along
+from nnpp_edge.viz.picture import Chart, Reached, body_outlines, plan_picture, refused_on
 from nnpp_edge.viz.sheet import Picture
 
 _REPEATS = 3
@@ -52,7 +55,7 @@ _MOST_PIXELS = 2000
 """Of a picture's longer side: as many as `viz` draws."""
 
 
-def _ends(request: PlanRequest, place: Place) -> tuple[Cell, list[Cell], list[Cell]]:
+def _ends(request: PlanRequest, place: Place) -> "Ends":
     """Cells of the map that a path is to lead from, through and to.
 
     InvalidQueryError for several starts, goals with way points, and what lies outside the map.
@@ -64,6 +67,40 @@ def _ends(request: PlanRequest, place: Place) -> tuple[Cell, list[Cell], list[Ce
         raise InvalidQueryError(f"--goal, with --via, must be one place, got {len(goals)}")
     refuse_outside(start, goals, place)
     return start, via, goals
+
+
+Ends = tuple[Cell, list[Cell], list[Cell]]
+
+
+def _read(request: PlanRequest, path: Path, robot: GroundOptions) -> tuple[Dem, Ends]:
+    """The map, or of it what lies around the ends, and these on it."""
+    if request.crop is None:
+        dem = robot.read(path)
+        return dem, _ends(request, dem)
+    with ExitStack() as stack:
+        whole: Dem | DemWindows
+        try:
+            whole = stack.enter_context(robot.open(path))
+        except TerrainError:  # of a format that is read as a whole
+            whole = TerrainOptions.read(robot, path)
+        start, via, goals = _ends(request, whole)
+        around = holding(np.clip([start, *via, *goals], 0, np.subtract(whole.shape, 1)))
+        sides = (whole.cell_size_m, whole.cell_width_m)
+        up, left = (math.ceil(min(request.crop / side, 1e9)) for side in sides)
+        part = widened(around, (up, left), whole.shape)
+        cut = part_of(whole, part)
+    dem = robot.made_finer(cut, "part")
+    row, col, rows, cols = part
+    warnings.warn(
+        f"cut out {rows} × {cols} cells: cell (row, col) of the file is now (row - {row}, "
+        f"col - {col}); xy:X,Y is the same place on both maps",
+        stacklevel=2,
+    )
+
+    def moved(cells: list[Cell]) -> list[Cell]:
+        return [dem.cell_of(*whole.located.map_coordinates(*cell)) for cell in cells]
+
+    return dem, (moved([start])[0], moved(via), moved(goals))
 
 
 def plan_in_memory(
@@ -79,16 +116,16 @@ def plan_in_memory(
     """Plan on a map that is read into memory: to the nearest goal, or by way of other places."""
     body = robot.body()
     with told_if_slow(f"reading {path}"):
-        dem = robot.read(path)
-    start, via, goals = _ends(request, dem)
+        dem, (start, via, goals) = _read(request, path, robot)
     method = query.pop("method", Method.AUTO)
     may_ask = method == "nnpp" or (method == "auto" and max(dem.shape) >= LARGE_MAP)
     if may_ask and (body is None or body.is_disc):
         loading.begin_loading(model)
     warn_if_not_square(dem)
-    ground = robot.of(dem)
-    limits = ground.limits
-    cost = cost_of(dem, limits)
+    with told_if_slow("costs of the map"):
+        ground = robot.of(dem)
+        limits = ground.limits
+        cost = cost_of(dem, limits)
     if not (cost < 1.0).any():
         refuse_map(dem)
     body = ground.vehicle
@@ -101,21 +138,33 @@ def plan_in_memory(
         exercises.exercise()
     wanted: PlanOptions = {**query, "method": method, "keep_regions": drawn}
     tour = None
-    if via:
-        tour = planner.plan_via(start, goals[0], via, best_order=request.best_order, **wanted)
-        ranked = [(goals[0], tour.plan)]
-    else:
-        found = planner.nearest(start, goals, count=len(goals), **wanted)
-        ranked = [(goals[at], plan) for at, plan in found]
+    with told_if_slow("planning"):
+        if via:
+            tour = planner.plan_via(start, goals[0], via, best_order=request.best_order, **wanted)
+            ranked = [(goals[0], tour.plan)]
+        else:
+            found = planner.nearest(start, goals, count=len(goals), **wanted)
+            ranked = [(goals[at], plan) for at, plan in found]
     goal, plan = ranked[0]
     if plan.source is None:  # no search was made
         refuse(plan.status, start, goal, near)
     compared = list[Row]()
     exact = None
     if request.compare:
-        plan, compared, exact = _compare(partial(planner.plan, start, goal, **query), plan)
-    plan = _on_the_ground(plan, ground)
-    route = _route(plan, cost, dem, ground, planner)
+        by = partial(planner.plan, start, goal, **query)
+        if tour:
+            by = partial(_by_way_of, planner, tour, **query)
+        with told_if_slow("comparing methods"):
+            plan, compared, exact = _compare(by, plan)
+    with told_if_slow("measuring the path"):
+        plan = _on_the_ground(plan, ground)
+        route = _route(plan, cost, dem, ground, planner)
+    names = _names(request, dem, tour)
+    ended = None
+    if plan.status == "NO_PATH" and len(goals) == 1 and not tour and "refine" not in query:
+        cells, from_start = planner.came_to(start)
+        begun, other = ("start", goal) if from_start else ("goal", start)
+        ended = Reached(cells, begun, nearest(cells, other))
 
     def picture() -> Picture:
         beside = None
@@ -133,36 +182,44 @@ def plan_in_memory(
             beside = planner_of(other).plan(start, goal, method="astar").path
         headings = None if plan.drive is None else plan.drive.poses[:, 2]
         return plan_picture(
-            cost,
+            chart_of(dem, cost),
             plan,
             start=start,
             goal=goal,
             via=tour.stops[1:-1] if tour else (),
-            shade=shade_of(dem) if request.hillshade else None,
             reference_path=(exact.path if exact.states is None else exact.line)
             if exact and exact.ok and plan.method != exact.method
             else None,
-            cell_size_m=dem.cell_width_m,
             length_m=route.length_m,
             outlines=body_outlines(plan.line, body, ground.sides_m, headings) if body else (),
             refused=refused_on(planner),
             point_path=beside,
+            reached=ended,
         )
 
-    shut_in = plan.status == "NO_PATH" and tour is None and "refine" not in query
+    def figure(kind: str) -> bytes:
+        from nnpp_edge.viz.plan_figure import plan_figure
+
+        assert plan.along is not None
+        stops = tour.stops if tour else (start, goal)
+        named = list(zip(names, stops, strict=True))
+        return plan_figure(chart_of(dem, cost), dem, plan.along, named, kind)
+
     return Answer(
         plan,
         route,
         start,
         goal,
         picture,
+        figure,
+        names,
         goals=ranked if len(goals) > 1 else (),
         compared=compared,
         loading_included=not request.compare and "time_limit_s" not in query,
         vehicle=body,
         step_cost=robot.step_cost,
         tour=tour and tour.told(lambda leg: _on_the_ground(leg, ground)),
-        reached=int(np.isfinite(planner.reach(start)).sum()) if shut_in else None,
+        ended=ended,
         hard_slope_deg=limits.hard_slope_deg,
     )
 
@@ -179,9 +236,9 @@ def plan_by_windows(
     """
     method = query.get("method", Method.AUTO)
     unfit = {
+        "--figure": request.figure is not None,
         f"--method {method}": method in ("astar", "nnpp"),
         "--compare": request.compare,
-        "--hillshade": request.hillshade,
         "--refine": "refine" in query,
         "--start-heading, --goal-heading": any(name.endswith("_deg") for name in query),
         "--resample": robot.resample is not None,
@@ -215,6 +272,7 @@ def plan_by_windows(
             plans = [(goal, planner.plan(start, goal, **within)) for goal in goals]
             ranked = sorted(plans, key=lambda found: (not found[1].ok, found[1].cost))
         goal, plan = ranked[0]
+        names = _names(request, ground, tour)
         if plan.source is None:  # no search was made
             end = start if "START" in plan.status else goal
             refuse(plan.status, start, goal, _around(planner, ground, limits, end))
@@ -233,13 +291,13 @@ def plan_by_windows(
     def picture() -> Picture:
         places = (start, goal, *(tour.stops[1:-1] if tour else ()))
         first, last, *between = [(row // factor, col // factor) for row, col in places]
+        sides_m = (ground.cell_size_m * factor, ground.cell_width_m * factor)
         return plan_picture(
-            cost,
+            Chart(cost, None, sides_m, ground.north_deg),
             replace(plan, path=plan.path // factor),
             start=first,
             goal=last,
             via=between,
-            cell_size_m=ground.cell_width_m * factor,
             length_m=route.length_m,
         )
 
@@ -249,6 +307,8 @@ def plan_by_windows(
         start,
         goal,
         picture,
+        lambda kind: b"",
+        names,
         goals=ranked if len(goals) > 1 else (),
         windows=windows,
         tour=tour,
@@ -279,17 +339,24 @@ def _route(plan: Plan, cost: Float2D, dem: Dem, ground: Ground, planner: Planner
     """The route of a plan over known ground, with how a vehicle stands along it."""
     assert plan.along is not None
     route = Route.of(plan.line, plan.along, cost, dem)
-    vehicle = ground.vehicle
-    if vehicle is None or len(plan.path) < 2:
+    if ground.vehicle is None:
         return route
-    poses = planner.state.grid.robot.poses
-    standing = {} if poses is None else attitudes(poses, plan.walked)._asdict()
-    heading: dict[str, Floats] = {"heading_deg": headings_along(plan.along.points)}
-    if (drive := plan.drive) is not None:
-        heading = {"heading_deg": drive.poses[:, 2], "gear": drive.gears.astype(np.float64)}
-        standing = {name: numbers[drive.steps] for name, numbers in standing.items()}
-        standing["curvature_per_m"] = drive.curvatures_per_m
-    return replace(route, standing=heading | standing)
+    return replace(route, standing=standing_along(plan, planner.state.grid.robot.poses))
+
+
+def _by_way_of(planner: Planner, tour: Tour, **options: Unpack[PlanOptions]) -> Plan:
+    """The plan by way of a tour's places, in its order."""
+    start, *via, goal = tour.stops
+    return planner.plan_via(start, goal, via, **options).plan
+
+
+def _names(request: PlanRequest, place: Place, tour: Tour | None) -> list[str]:
+    """Of the stops, from start to goal."""
+    via = [name for end in request.via for name in end.names(place)]
+    between = [via[at] or f"via {at + 1}" for at in tour.order] if tour else []
+    (start,) = request.start.names(place)
+    goals = [name for end in request.goals for name in end.names(place)]
+    return [start or "start", *between, (goals[0] if len(goals) == 1 else "") or "goal"]
 
 
 def _compare(plan_by: Callable[..., Plan], plan: Plan) -> tuple[Plan, list[Row], Plan]:

@@ -11,12 +11,17 @@ import click
 from nnpp_edge.cli import options
 from nnpp_edge.cli.ground_options import GroundOptions
 from nnpp_edge.cli.requests import Start
-from nnpp_edge.cli.text import aligned, duration, tell
+from nnpp_edge.cli.text import aligned, duration, tell, work
 from nnpp_edge.runtime.options import StepOptions
 
 _SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0}
 _JOULES = {"J": 1.0, "kJ": 1e3, "MJ": 1e6, "Wh": 3600.0, "kWh": 3.6e6}
 _COST = "The most that a path may cost, in the unit of --step-cost."
+_TOO_LONG = (
+    "in eight directions: one straight between them counts up to 8.2 % too long",
+    "in sixteen directions: one straight between them counts up to 2.8 % too long",
+)
+"""Of a point, and of a body: 1 over the cosine of half the widest angle between two directions."""
 _TIME = (
     "The longest time of a path: by --step-cost, else at the vehicle's speeds, else by "
     "Tobler's function."
@@ -55,7 +60,6 @@ def command(
     robot: GroundOptions,
     levels: Annotated[int, click.IntRange(1, 24), "Number of areas."] = 4,
     steps: StepOptions,
-    hillshade: options.Hillshade = False,
     output: Annotated[
         Path | None,
         "-o",
@@ -99,32 +103,41 @@ def command(
 
     import numpy as np
 
-    from nnpp_edge.cli.maps import Near, cost_of, priced, refuse, shade_of, size_in_words, size_of
+    from nnpp_edge.cli.maps import Near, chart_of, cost_of, priced, refuse, size_in_words, size_of
     from nnpp_edge.files import write_all
     from nnpp_edge.runtime import Planner
+    from nnpp_edge.runtime.compiled.notice import told_if_slow
     from nnpp_edge.runtime.planners.query import problem_with
     from nnpp_edge.terrain.rasters import raster_bytes
     from nnpp_edge.terrain.route import Reach
     from nnpp_edge.viz.picture import png_bytes, reach_picture
 
-    terrain = robot.read(dem)
+    with told_if_slow(f"reading {dem}"):
+        terrain = robot.read(dem)
     cell = start.one_cell(terrain, "--start")
     step_cost = "energy" if measure == "energy" else robot.step_cost
     if measure == "time" and not in_seconds:
-        step_cost = "time" if robot.mobility().time else "tobler"
+        mobility = robot.mobility(terrain)
+        step_cost = "time" if mobility.time else "tobler"
+        if mobility.time is None and mobility.tobler is None:
+            raise click.UsageError(
+                "nobody walks there at the speeds of Tobler's function: for --within-time give "
+                "--vehicle or --mobility, or --step-cost tobler to count a walker's all the same"
+            )
     ground = replace(robot, step_cost=step_cost).of(terrain)
     cost = cost_of(terrain, ground.limits)
     planner = Planner(priced(ground, cost), **steps)
     if problem := problem_with(planner.state.grid, cell, cell):
         refuse(problem, cell, cell, Near.of(terrain, ground, cost, planner))
     shares = tuple((most * np.arange(1, levels + 1) / levels).tolist())
-    found = Reach(planner.reach(cell, most), shares, measure, unit_of(step_cost), terrain)
+    with told_if_slow("searching"):
+        field = planner.reach(cell, most)
+    found = Reach(field, shares, measure, unit_of(step_cost), terrain)
 
     def words(level: float) -> str:
         if measure == "cost":
             return f"within a cost of {level:.6g} {found.unit}".rstrip()
-        work = f"{level / 1e6:.4g} MJ" if level >= 1e6 else f"{level / 1e3:.4g} kJ"
-        return f"within {duration(level) if measure == 'time' else work}"
+        return f"within {duration(level) if measure == 'time' else work(level)}"
 
     files = [str(path) for path in paths]
     figures: dict[str, object] = {"start": cell, "measure": measure, "unit": found.unit}
@@ -132,12 +145,10 @@ def command(
     if paths:
         figures["files"] = files
         picture = reach_picture(
-            cost,
+            chart_of(terrain, cost),
             found.field,
             [(level, words(level)) for level in found.levels],
             cell,
-            shade=shade_of(terrain) if hillshade else None,
-            cell_size_m=terrain.cell_width_m,
         )
         contents = (
             raster_bytes(paths[0], found.raster(), terrain),
@@ -146,7 +157,12 @@ def command(
             json.dumps(figures, indent=1).encode(),
         )
         write_all(dict(zip(paths, contents, strict=True)))
-    lines = {"map": size_in_words(terrain), "start": cell}
+    lines: dict[str, object] = {"map": size_in_words(terrain), "start": cell}
+    if measure == "time":
+        walker = ground.mobility.model(step_cost) if ground.mobility else None
+        on_foot = f"of a walker, by {walker.function}" if walker and step_cost != "time" else ""
+        lines["speeds"] = on_foot or "of the vehicle"
+    lines["ways"] = _TOO_LONG[ground.vehicle is not None and not ground.vehicle.is_disc]
     for level, cells, area in map(dict.values, found.areas):
         size = f"{area / 1e6:.4g} km²" if area >= 1e5 else f"{area:.0f} m²"
         share = 100.0 * cells / cost.size

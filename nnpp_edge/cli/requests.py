@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import click
 
-from nnpp_edge.cli import options
 from nnpp_edge.cli.options import MANY, Parsed
 
 if TYPE_CHECKING:
@@ -18,6 +17,9 @@ if TYPE_CHECKING:
     from nnpp_edge.terrain.georeference import Place
 
 _NUMBERS = re.compile(r"\s*([+-]?\d+)\s*,\s*([+-]?\d+)\s*|(xy|lonlat):([^,]+),([^,]+)")
+
+
+_FIGURES = (".pdf", ".svg", ".png")
 
 
 class End(NamedTuple):
@@ -29,6 +31,8 @@ class End(NamedTuple):
     """
     file: Path | None = None
     """The vector file, if it is one."""
+    names: "Callable[[Place], list[str]]" = lambda place: [""]
+    """Of the cells, as the layer has them; empty where it has none."""
 
     def one_cell(self, place: "Place", option: str) -> "Cell":
         """The cell below; InvalidQueryError where the layer has another number of points."""
@@ -55,7 +59,7 @@ def _end(word: str) -> End:
     if "," in word or not word:
         raise ValueError
     return End(
-        partial(_below_layer, word), named_file(word)[0]
+        partial(_below_layer, word), named_file(word)[0], partial(_names_of, word)
     )  # VectorFileError, a ValueError, where there is none
 
 
@@ -71,10 +75,17 @@ def _below_layer(word: str, place: "Place") -> "list[Cell]":
     """The cells below a layer's points; a line on stderr says if they had to be reprojected."""
     from nnpp_edge.terrain.vectors import points_of
 
-    points, told = points_of(word, place)
-    if told:
-        click.echo(told, err=True)
-    return [place.cell_of(x, y) for x, y in points.tolist()]
+    points = points_of(word, place)
+    if points.remark:
+        click.echo(points.remark, err=True)
+    return [place.cell_of(x, y) for x, y in points.places.tolist()]
+
+
+def _names_of(word: str, place: "Place") -> list[str]:
+    """The names of a layer's points."""
+    from nnpp_edge.terrain.vectors import points_of
+
+    return points_of(word, place).names
 
 
 PLACE = Parsed(
@@ -98,14 +109,22 @@ class PlanRequest:
         False
     )
     compare: Annotated[bool, "Plan with exact A* and the corridor planner too."] = False
-    hillshade: options.Hillshade = False
+    figure: Annotated[
+        Path | None, "Write a figure for a paper: .pdf, .svg or .png, with a profile of heights."
+    ] = None
+    crop: Annotated[
+        float | None,
+        "Read and search only the map this many metres around start, goal and via.",
+    ] = None
 
     def __post_init__(self) -> None:
         """Refuse what does not go together."""
         if self.best_order and not self.via:
             raise click.UsageError("--best-order orders the places of --via: give --via too")
-        if self.via and self.compare:
-            raise click.UsageError("--compare compares one leg: leave out --via")
+        if self.figure is not None and self.figure.suffix.lower() not in _FIGURES:
+            raise click.UsageError(
+                f"--figure must end in {', '.join(_FIGURES)}, got {self.figure.name}"
+            )
 
     @property
     def files(self) -> list[Path]:

@@ -32,6 +32,7 @@ _SIZE = (
     "and --goal."
 )
 _GOAL = "As --start; by default the seed picks both."
+_CHANGES = "Obstacles that appear, move or vanish between two ticks; 0 for a world without any."
 _NOISE = "Standard deviation of the steering angle, degrees, of a vehicle that drives arcs."
 
 
@@ -52,6 +53,7 @@ def command(
     ticks: Annotated[int, "At most."] = 5000,
     sight: Annotated[int, "Cells to each side, beyond the body, that it sees."] = 12,
     speed: Annotated[int, "Cells a tick."] = 1,
+    changes: Annotated[int, click.IntRange(0), _CHANGES] = 1,
     steering_noise: Annotated[float, options.Real(0.0, 45.0), _NOISE] = 0.0,
     rocks: Annotated[float, options.Real(0.0, 0.2), "Share of the ground under rocks."] = 0.0,
     seed: options.Seed = 1,
@@ -81,6 +83,7 @@ def command(
     from nnpp_edge.cli.maps import size_in_words
     from nnpp_edge.robot.transports.mcap_log import McapLog
     from nnpp_edge.robot.transports.rerun_view import RerunSink
+    from nnpp_edge.runtime.compiled.notice import told_if_slow
     from nnpp_edge.runtime.errors import InvalidQueryError
     from nnpp_edge.simulation.drive_picture import Film, check_name, drive_picture
     from nnpp_edge.simulation.robots import reach_of
@@ -97,6 +100,7 @@ def command(
         model,
         rate,
         ticks,
+        changes,
         sight=sight,
         speed=speed,
         seed=seed,
@@ -154,7 +158,7 @@ def command(
         ground = SurveyedGround.of(actual, _SURVEY if body is None else 1, heights)
     else:
         ground = SurveyedGround.of_known(actual, *known)
-    ground = replace(ground, origin=(row, col))
+    ground = replace(ground, origin=(row, col), north_deg=whole.north_deg)
     if start and goal:
         begin, end = map(tuple, (ends - (row, col)).tolist())
     else:
@@ -174,7 +178,8 @@ def command(
             return sinks
 
         try:
-            drive = simulate(ground, begin, end, settings, make_sinks=make_sinks, watch=film)
+            with told_if_slow("driving"):
+                drive = simulate(ground, begin, end, settings, make_sinks=make_sinks, watch=film)
         except InvalidQueryError as error:
             raise InvalidQueryError(
                 f"{error}, on the part of the map from cell ({row}, {col}) on"

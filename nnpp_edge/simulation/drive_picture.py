@@ -1,31 +1,28 @@
 """Pictures of a simulated drive: a still of all of it, or a film."""
 
-import math
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from nnpp_edge.files import write_whole
-from nnpp_edge.runtime.arrays import Cells, Floats
+from nnpp_edge.runtime.arrays import Float2D, Floats
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.messages import PathMessage
 from nnpp_edge.runtime.map.along import Line
 from nnpp_edge.simulation.robots import Robot
 from nnpp_edge.simulation.scene import Scene, SurveyedGround
 from nnpp_edge.simulation.simulate import Drive
-from nnpp_edge.viz.picture import IMPASSABLE, OPTIMUM, PATH, body_outlines, cost_picture
-from nnpp_edge.viz.sheet import BODY, GOAL, START, Colour, MapDrawing, Picture
+from nnpp_edge.terrain.obstacles import covered
+from nnpp_edge.viz.palette import BODY, DRIVEN, GOAL, INK, OPTIMUM, PAPER, PATH, SEEN, START
+from nnpp_edge.viz.picture import SHUT_GROUND, Chart, Drawn, body_outlines
+from nnpp_edge.viz.sheet import Picture
 
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-DRIVEN: Colour = (70, 190, 40)
-SEEN: Colour = (255, 210, 60)
-_GREYS = 20
+_GROUND_COLOURS = 24
 _MOST_FRAMES = 80
 _FRAME_PIXELS = 480
 _FRAME_MS = 100
@@ -42,30 +39,34 @@ def check_name(path: Path) -> None:
 
 
 def drive_picture(ground: SurveyedGround, drive: Drive) -> Picture:
-    """Draw the true cost, the way driven, and the optimum for a robot that knew everything.
+    """Draw the true ground, the way driven, and the optimum for a robot that knew everything.
 
     Of a body the outline is drawn along the way; the cost of a cell is that of its best heading
-    there."""
-    sheet = MapDrawing(cost_picture(ground.costs()))
-    sheet.line(drive.driven, DRIVEN, 4.0)
-    sheet.line(drive.optimal, OPTIMUM, 2.0)
-    bodies = _bodies(ground.robot, drive.driven)
-    sheet.bodies(bodies)
-    sheet.ends(drive.start, drive.goal)
-
-    # the legend
-    swatches = [(START, "start"), (GOAL, "goal"), (DRIVEN, "driven")]
-    swatches.append((OPTIMUM, "optimum, with all known"))
-    if bodies:
-        swatches.append((BODY, "vehicle"))
+    there.
+    """
+    lines = [
+        Drawn(drive.optimal, OPTIMUM, 9.0, "optimum, with all known"),
+        Drawn(drive.driven, DRIVEN, 3.5, "driven"),
+    ]
     costs = f"cost {drive.driven_cost:.4g}, optimum {drive.optimal_cost:.4g}"
     if drive.excess is not None:
         costs += f" (+{100 * drive.excess:.1f} %)"
     facts = [drive.method, f"{drive.counters.ticks} ticks, {drive.counters.planned} plans", costs]
-    keys = [sheet.swatch(*each) for each in swatches]
-    scale = sheet.scale(ground.robot.sides_m[0])
-    words = [sheet.text_item(fact) for fact in facts]
-    return sheet.finish([keys, words + scale, [sheet.grey_bar()]])
+    chart = _chart(ground, ground.costs())
+    places = np.vstack((drive.driven[:, :2], drive.optimal[:, :2], [drive.goal]))
+    return chart.picture(
+        drive.start,
+        drive.goal,
+        lines=lines,
+        outlines=_bodies(ground.robot, drive.driven),
+        part=chart.around(places),
+        facts=facts,
+    )
+
+
+def _chart(ground: SurveyedGround, cost: Float2D) -> Chart:
+    """The ground to draw on."""
+    return Chart(cost, ground.heights, ground.robot.sides_m, ground.north_deg)
 
 
 class Film:
@@ -78,13 +79,19 @@ class Film:
 
     def __init__(self) -> None:
         self._frames: list[Image] = []
+        self._colours: Image | None = None
         self._every = 1
         self._ticks = 0
 
     def __call__(self, scene: Scene, message: PathMessage) -> None:
         """Add the frame of a tick."""
         if self._ticks % self._every == 0 or scene.reached:
-            self._frames.append(_palette(_frame(scene, message)))
+            from PIL import Image
+
+            picture = _frame(scene, message)
+            self._colours = self._colours or _palette(picture)
+            image = Image.fromarray(np.ascontiguousarray(picture[..., ::-1]))
+            self._frames.append(image.quantize(palette=self._colours, dither=Image.Dither.NONE))
             if len(self._frames) > _MOST_FRAMES:
                 del self._frames[1::2]
                 self._every *= 2
@@ -100,31 +107,33 @@ class Film:
 
 
 def _frame(scene: Scene, message: PathMessage) -> Picture:
+    """The map as the loop has it, which to a body is no higher inside an obstacle than at its
+    rim: that is shut as a whole.
+    """
     robot = scene.ground.robot
-    ground = cost_picture(robot.costs(scene.told))
-    factor = _FRAME_PIXELS / max(ground.shape[:2])
-    height, width = (round(side * factor) for side in ground.shape[:2])
-    picture = cv2.resize(ground, (width, height), interpolation=cv2.INTER_NEAREST)
+    told = robot.costs(scene.told)
+    told = covered(told, (0, 0, *told.shape), scene.obstacles.blocks, np.inf)
+    chart = _chart(scene.ground, told)
 
-    # the path, the way driven, the body along the path and where it is
+    # the path, the way driven, the body along the path and where it is, and what it sees
     driven = np.array(scene.driven)[:, :2]
-    lines: list[tuple[Line, Colour, int]] = [(message.path, PATH, 2), (driven, DRIVEN, 2)]
-    lines += [(outline, BODY, 1) for outline in _bodies(robot, message.path)]
-    lines += [(outline, START, 2) for outline in _bodies(robot, driven)[-1:]]
-    for cells, colour, width in lines:
-        if len(cells):
-            cv2.polylines(picture, [_pixels(cells, factor)], False, colour, width, cv2.LINE_AA)
-
-    # what the robot sees, its goal and the robot
     row, col, rows, cols = scene.seen
-    view = np.array([(row, col), (row + rows - 1, col + cols - 1)])
-    first, last = _pixels(view, factor).tolist()
-    cv2.rectangle(picture, first, last, SEEN, 1)
-    radius = max(3, math.ceil(factor)) + 1
-    (goal, place) = _pixels(np.array([scene.goal, scene.robot]), factor).tolist()
-    cv2.circle(picture, goal, radius, GOAL, -1, cv2.LINE_AA)
-    cv2.circle(picture, place, radius, START, -1, cv2.LINE_AA)
-    return np.asarray(picture, np.uint8)
+    bottom = row + rows - 1
+    right = col + cols - 1
+    view = np.array([(row, col), (row, right), (bottom, right), (bottom, col), (row, col)])
+    lines = [
+        Drawn(view, SEEN, 2.0, "seen"),
+        Drawn(message.path, PATH, 3.0, "planned"),
+        Drawn(driven, DRIVEN, 3.0, "driven"),
+    ]
+    return chart.picture(
+        scene.robot,
+        scene.goal,
+        lines=lines,
+        outlines=_bodies(robot, message.path),
+        begin="robot",
+        least=_FRAME_PIXELS,
+    )
 
 
 def _bodies(robot: Robot, path: Line) -> list[Floats]:
@@ -132,19 +141,13 @@ def _bodies(robot: Robot, path: Line) -> list[Floats]:
     return [] if robot.vehicle is None else body_outlines(path, robot.vehicle, robot.sides_m)
 
 
-def _pixels(cells: NDArray[np.generic], factor: float) -> Cells:
-    middles = cells[:, ::-1].astype(np.float64) + 0.5
-    return np.rint(middles * factor - 0.5).astype(np.int32)
-
-
 def _palette(picture: Picture) -> "Image":
-    """In the few colours that all frames share: then a film stores only the pixels that change."""
+    """The few colours that all frames share: then a film stores only the pixels that change."""
     from PIL import Image
 
-    levels = np.linspace(0, 255, _GREYS).astype(int).tolist()
-    greys = [(level, level, level) for level in levels]
-    colours = [*greys, IMPASSABLE, PATH, BODY, DRIVEN, SEEN, GOAL, START]
-    palette = Image.new("P", (1, 1))
-    palette.putpalette([value for colour in colours for value in reversed(colour)])
     image = Image.fromarray(np.ascontiguousarray(picture[..., ::-1]))
-    return image.quantize(palette=palette, dither=Image.Dither.NONE)
+    ground = image.quantize(_GROUND_COLOURS).getpalette() or []
+    drawn = (INK, PAPER, SHUT_GROUND, PATH, BODY, DRIVEN, SEEN, GOAL, START)
+    palette = Image.new("P", (1, 1))
+    palette.putpalette([*ground, *(value for colour in drawn for value in reversed(colour))])
+    return palette

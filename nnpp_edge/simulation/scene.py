@@ -36,6 +36,10 @@ class SurveyedGround:
     """(H, W) of heights that are blurred, or lack the rocks; of the kind that the ground holds."""
     known: Ground | None = None
     """As means of blocks have it, known in place of a survey."""
+    heights: Float2D | None = None
+    """(H, W) true heights, for pictures."""
+    north_deg: float | None = None
+    """As `Place.north_deg`."""
     origin: Cell = (0, 0)
     """Cell of the file that is the first of this part of it; errors name the file's cells."""
 
@@ -59,9 +63,10 @@ class SurveyedGround:
         bare = ground.elevation if bare is None else bare
         surveyed = bare.copy() if block <= 1 else _blurred(bare, block / 2.0)
         if by_slope or (vehicle is not None and not vehicle.is_disc):
-            return cls(ground, surveyed)
+            return cls(ground, surveyed, heights=ground.elevation)
         costs = replace(ground, elevation=surveyed).costs()
-        return cls(replace(ground, cost=ground.costs(), elevation=None), costs)
+        true = replace(ground, cost=ground.costs(), elevation=None)
+        return cls(true, costs, heights=ground.elevation)
 
     @classmethod
     def of_known(cls, ground: Ground, factor: int, prior: str) -> "SurveyedGround":
@@ -83,7 +88,8 @@ class SurveyedGround:
             vehicle=ground.vehicle,
             step_cost=ground.step_cost,
         )
-        return cls(ground, np.full(ground.shape, np.nan, np.float32), coarse)
+        unseen = np.full(ground.shape, np.nan, np.float32)
+        return cls(ground, unseen, coarse, ground.elevation)
 
     @cached_property
     def robot(self) -> Robot:

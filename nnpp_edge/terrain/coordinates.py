@@ -72,8 +72,8 @@ def lonlat_of(place: Place, points: Points) -> Points:
     """WGS 84 longitudes and latitudes of map coordinates; InvalidQueryError on another body than
     the Earth.
     """
-    own = _system_of(place.georeference, place.source)
-    if not _lonlat_system(own).equals(_pyproj().CRS.from_user_input(WGS84)):
+    if not on_earth(place):
+        own = _system_of(place.georeference, place.source)
         raise InvalidQueryError(
             f"{place.source}: longitude and latitude on the Earth are wanted, got {own.name}"
         )
@@ -89,6 +89,12 @@ def on_map(place: Place, points: Points, crs: str, source: str) -> tuple[Points,
     if own.equals(theirs, ignore_axis_order=True):
         return points, ""
     return _moved(points, theirs, own), f"{source}: reprojected from {theirs.name} to {own.name}"
+
+
+def on_earth(place: Place) -> bool:
+    """Whether a map's coordinate system is of the Earth; InvalidQueryError without one."""
+    own = _system_of(place.georeference, place.source)
+    return bool(_lonlat_system(own).equals(_pyproj().CRS.from_user_input(WGS84)))
 
 
 def gravity_of(place: Place) -> float | None:

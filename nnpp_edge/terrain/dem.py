@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from nnpp_edge.runtime.arrays import Float2D, Float32, unmasked
-from nnpp_edge.runtime.cells import Rectangle, Shape
+from nnpp_edge.runtime.cells import Rectangle, Shape, slices
 from nnpp_edge.runtime.errors import InvalidQueryError, TerrainError
 from nnpp_edge.runtime.map.along import heights_at
 from nnpp_edge.runtime.reading import problem_with_file, refused_as
@@ -60,6 +60,10 @@ class Dem(Place):
         """The heights of a square of so many cells to a side, at a random place: a view."""
         row, col = (int(rng.integers(0, cells - side + 1)) for cells in self.shape)
         return self.elevation[row : row + side, col : col + side]
+
+    def read(self, part: Rectangle) -> Float2D:
+        """(rows, cols) heights of a rectangle."""
+        return self.elevation[slices(part)].copy()
 
     def rescaled(self, cell_size_m: float) -> "Dem":
         """This terrain grown or shrunk to cells of `cell_size_m`: heights follow, so slopes stay.
@@ -292,3 +296,12 @@ def open_dem(
         size, width = cell_sides(path, raster.shape, None, georeference, cell_size_m)
         factor = 1.0 if rescale_m is None else rescale_m / size
         yield DemWindows(size * factor, width * factor, georeference, path, raster, factor)
+
+
+def part_of(whole: Dem | DemWindows, part: Rectangle) -> Dem:
+    """A rectangle of a map as a map; every cell keeps its coordinates."""
+    located = whole.located
+    a, b, _, d, e, _ = located.transform
+    x, y = located.map_coordinates(part[0] - 0.5, part[1] - 0.5)
+    moved = Georeference(located.crs, (a, b, x, d, e, y))
+    return Dem(whole.read(part), whole.cell_size_m, whole.cell_width_m, moved, whole.source)

@@ -93,6 +93,15 @@ class Place:
         return self.located.cell_of(x, y)
 
     @property
+    def north_deg(self) -> float | None:
+        """Where y grows, degrees clockwise from up the rows; None without a georeference."""
+        if self.georeference is None:
+            return None
+        a, b, _, d, e, _ = self.georeference.transform
+        turned = a * e - b * d
+        return math.degrees(math.atan2(-b / turned, -a / turned))
+
+    @property
     def located(self) -> Georeference:
         """The file's georeference; without one, metres from the middle of cell (0, 0), y
         downwards.

@@ -10,10 +10,13 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 
-from nnpp_edge.runtime.arrays import Float2D, Float32, Floats
+from nnpp_edge.runtime.arrays import Float2D, Float32, Floats, headings_along
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import optional_module
 from nnpp_edge.runtime.map.along import Along, Line
+from nnpp_edge.runtime.planners.plan import Plan
+from nnpp_edge.runtime.robots.body.attitude import attitudes
+from nnpp_edge.runtime.robots.body.poses import Poses
 from nnpp_edge.terrain.coordinates import lonlat_of
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.georeference import Place, Point
@@ -21,6 +24,11 @@ from nnpp_edge.terrain.vectors import geopackage_bytes
 
 _LOCAL = 'LOCAL_CS["the map\'s own metres",UNIT["metre",1]]'
 _EPSG = re.compile(r'(?:AUTHORITY|ID)\["EPSG",\s*"?(\d+)"?\]\]\s*$')
+
+
+Facts = dict[str, object]
+"""Properties of a feature."""
+Leg = tuple[Along, Facts]
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +104,7 @@ class Route:
         np.savetxt(out, np.column_stack(numbers), forms, ",", header=",".join(names), comments="")
         return out.getvalue()
 
-    def geojson(self, properties: dict[str, object]) -> bytes:
+    def geojson(self, properties: Facts) -> bytes:
         """A feature with the path as a line: a point where it is one cell, no geometry where there
         is none.
 
@@ -113,12 +121,37 @@ class Route:
         feature = self._feature(places_of(self.dem, self.line), properties)
         return json.dumps(feature, allow_nan=False).encode()
 
-    def geopackage(self, properties: dict[str, object]) -> bytes:
-        """Likewise with heights, as a GeoPackage whose layer is `path`; MissingExtraError without
-        pyogrio.
+    def geopackage(
+        self,
+        properties: Facts,
+        stations: Sequence[tuple[Cell, Facts]] = (),
+        legs: Sequence[Leg] = (),
+    ) -> bytes:
+        """Likewise with heights, as the layer `path` of a GeoPackage, with its `stations` and its
+        `legs`; MissingExtraError without pyogrio.
         """
-        places = np.column_stack((places_of(self.dem, self.along.points), self.along.heights_m))
-        return geopackage_bytes("path", json.dumps(self._feature(places, properties)).encode())
+        cells = np.array([cell for cell, _ in stations], np.float64).reshape(-1, 2)
+        points = places_of(self.dem, cells).tolist()
+        features = {
+            "path": [self._lifted(self.along, properties)],
+            "stations": [
+                {"type": "Feature", "geometry": {"type": "Point", "coordinates": at}}
+                | {"properties": facts}
+                for at, (_, facts) in zip(points, stations, strict=True)
+            ],
+            "legs": [self._lifted(*leg) for leg in legs],
+        }
+        layers = {
+            name: {"type": "FeatureCollection", "features": found} | named_crs(self.dem)
+            for name, found in features.items()
+            if found
+        }
+        return geopackage_bytes({name: json.dumps(each).encode() for name, each in layers.items()})
+
+    def _lifted(self, along: Along, properties: Facts) -> dict[str, object]:
+        """A feature of the points along a line, with their heights."""
+        places = np.column_stack((places_of(self.dem, along.points), along.heights_m))
+        return self._feature(places, properties)
 
     def _feature(self, places: Floats, properties: dict[str, object]) -> dict[str, object]:
         line: list[object] = places.tolist()
@@ -149,6 +182,20 @@ class Route:
             known = f"<ele>{height:.3f}</ele>" if math.isfinite(height) else ""
             out.append(f'<trkpt lat="{lat:.8f}" lon="{lon:.8f}">{known}</trkpt>')
         return "\n".join([*out, "</trkseg></trk>", "</gpx>", ""]).encode()
+
+
+def standing_along(plan: Plan, poses: Poses | None) -> dict[str, Floats]:
+    """How a vehicle stands at each point along its plan, as of `Route.standing`."""
+    if plan.along is None or len(plan.path) < 2:
+        return {}
+    heading = headings_along(plan.along.points)
+    standing = {} if poses is None else attitudes(poses, plan.walked)._asdict()
+    if (drive := plan.drive) is None:
+        return {"heading_deg": heading, **standing}
+    standing = {name: numbers[drive.steps] for name, numbers in standing.items()}
+    gears = drive.gears.astype(np.float64)
+    driven = {"heading_deg": drive.poses[:, 2], "gear": gears}
+    return {**driven, **standing, "curvature_per_m": drive.curvatures_per_m}
 
 
 def _known(number: float) -> float | None:

@@ -1,18 +1,19 @@
 """Vector files: points of a layer as places on a map, and GeoJSON as a GeoPackage, by pyogrio."""
 
-import io
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import ModuleType
+from typing import NamedTuple
 
 import numpy as np
 
 from nnpp_edge.runtime.errors import InvalidQueryError, optional_module
 from nnpp_edge.runtime.reading import parse, problem_with_file, read_text, refused_as
-from nnpp_edge.terrain.coordinates import Points, on_map
+from nnpp_edge.terrain.coordinates import Points, on_earth, on_map
 from nnpp_edge.terrain.gdal_files import NO_NETWORK
 from nnpp_edge.terrain.georeference import Place
 
@@ -31,46 +32,68 @@ class VectorFileError(InvalidQueryError):
     """A vector file that cannot be used; the message names the file."""
 
 
-def points_of(name: str, place: Place) -> tuple[Points, str]:
-    """Map coordinates (N, 2) of a layer's points, in their order, and a word where they had to be
-    reprojected.
+_NAMES = ("name", "title", "label", "id")
+"""Fields that hold the names of points, the first that there is."""
+
+
+class LayerPoints(NamedTuple):
+    """Points of a layer, in their order."""
+
+    places: Points
+    """(N, 2) map coordinates."""
+    names: list[str]
+    """Empty where it names none."""
+    remark: str
+    """How their coordinate system was taken, where it is not the map's."""
+
+
+def points_of(name: str, place: Place) -> LayerPoints:
+    """The points of a layer, on the map.
 
     The name is that of a file of one of `FORMATS`, or FILE:LAYER where it has several, of which
     GPX's is that of the way points. Points of a layer that names no coordinate system are in the
-    map's own. VectorFileError where there is no such file or layer, or it holds other things than
+    map's own; so are GeoJSON's without one on another body than the Earth.
+    VectorFileError where there is no such file or layer, or it holds other things than
     points, or none; InvalidQueryError where its system does not lead to the map's.
     """
     path, layer = named_file(name)
     refused = refused_as(VectorFileError, f"{path}: wanted {FORMATS} with points")
     with _pyogrio(f"reading {path.name}") as pyogrio, refused:
-        _check_plain(path)
+        unnamed = _check_plain(path)
         layers = pyogrio.list_layers(path)[:, 0].tolist()
         if layer is None and len(layers) > 1 and layers[0] != "waypoints":
             raise VectorFileError(
                 f"{path}: wanted one layer: name it as {path.name}:LAYER ({', '.join(layers)})"
             )
-        meta, _, read, _ = pyogrio.raw.read(
-            path,
-            layer=layer or layers[0],
-            columns=[],
-            force_2d=True,
-        )
+        layer = layer or layers[0]
+        there = {field.lower(): field for field in pyogrio.read_info(path, layer)["fields"]}
+        named = [there[key] for key in _NAMES if key in there][:1]
+        meta, _, read, fields = pyogrio.raw.read(path, layer=layer, columns=named, force_2d=True)
         shapes = [shape for shape in read if shape is not None]
         if any(shape[1] not in (1, 4) for shape in shapes):
             raise VectorFileError(
                 f"{path}: wanted points, got other shapes ({meta['geometry_type']})"
             )
         points = [np.empty((0, 2))]
-        for shape in shapes:
-            head = 9 if shape[1] == 4 else 0
-            points.append(np.frombuffer(shape, _POINTS, offset=head)["xy"])
+        names = list[str]()
+        for at, shape in enumerate(read):
+            if shape is not None:
+                head = 9 if shape[1] == 4 else 0
+                points.append(np.frombuffer(shape, _POINTS, offset=head)["xy"])
+                word = fields[0][at] if named else None
+                names += ["" if word is None else str(word)] * len(points[-1])
     found = np.concatenate(points)
-    found = found[np.isfinite(found).all(axis=1)]  # an empty point has no numbers
+    known = np.isfinite(found).all(axis=1)  # an empty point has no numbers
+    found = found[known]
+    names = [names[at] for at in np.flatnonzero(known)]
     if not len(found):
         raise VectorFileError(f"{path}: wanted points, got none")
-    if meta["crs"] is None:
-        return found, ""
-    return on_map(place, found, meta["crs"], str(path))
+    remark = ""
+    if unnamed and not on_earth(place):
+        remark = f"{path} names no coordinate system: taken in the map's own"
+    elif meta["crs"] is not None:
+        found, remark = on_map(place, found, meta["crs"], str(path))
+    return LayerPoints(found, names, remark)
 
 
 def named_file(name: str) -> tuple[Path, str | None]:
@@ -86,14 +109,20 @@ def named_file(name: str) -> tuple[Path, str | None]:
     raise VectorFileError(f"{name}: wanted a vector file ({problem})")
 
 
-def geopackage_bytes(layer: str, geojson: bytes) -> bytes:
-    """A GeoPackage of one layer, of GeoJSON; MissingExtraError where pyogrio is not installed."""
-    out = io.BytesIO()
-    with _pyogrio("writing a GeoPackage") as pyogrio:
-        meta, _, shapes, values = pyogrio.raw.read(geojson)
-        kinds = {"geometry_type": meta["geometry_type"], "crs": meta["crs"]}
-        pyogrio.raw.write(out, shapes, values, meta["fields"], layer=layer, driver="GPKG", **kinds)
-    return out.getvalue()
+def geopackage_bytes(layers: Mapping[str, bytes]) -> bytes:
+    """A GeoPackage of layers of GeoJSON, by name; MissingExtraError where pyogrio is not
+    installed.
+    """
+    with _pyogrio("writing a GeoPackage") as pyogrio, TemporaryDirectory() as folder:
+        file = Path(folder) / "layers.gpkg"
+        for layer, geojson in layers.items():
+            meta, _, shapes, values = pyogrio.raw.read(geojson)
+            kinds = {"geometry_type": meta["geometry_type"], "crs": meta["crs"]}
+            pyogrio.raw.write(
+                file, shapes, values, meta["fields"], layer=layer, driver="GPKG",
+                append=file.exists(), **kinds,
+            )  # fmt: skip
+        return file.read_bytes()
 
 
 @contextmanager
@@ -108,15 +137,19 @@ def _pyogrio(purpose: str) -> Iterator[ModuleType]:
         yield pyogrio
 
 
-def _check_plain(path: Path) -> None:
-    """VectorFileError for what GDAL would take for a list of other files and addresses, or read
-    otherwise.
+def _check_plain(path: Path) -> bool:
+    """Whether it is GeoJSON that names no coordinate system; VectorFileError for what GDAL would
+    take for a list of other files and addresses, or read otherwise.
     """
     with path.open("rb") as file:
         head = file.read(1 << 12).lstrip(b"\xef\xbb\xbf \t\r\n")
     if head.startswith(b"{"):
-        plain = parse(read_text(path)).get("type") in _GEOJSON_TYPES
+        content = parse(read_text(path))
+        plain = content.get("type") in _GEOJSON_TYPES
+        unnamed = "crs" not in content
     else:
+        unnamed = False
         plain = _PLAIN.match(head) is not None
     if not plain:
         raise VectorFileError(f"{path}: wanted {FORMATS}, got another kind of file")
+    return unnamed

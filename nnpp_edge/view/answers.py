@@ -26,12 +26,13 @@ from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.reading import refused_as
 from nnpp_edge.runtime.robots.slope.cost import unit_of
 from nnpp_edge.runtime.terrain.traversability import terms_in_words, terrain_terms
-from nnpp_edge.terrain.coordinates import lonlat_at
+from nnpp_edge.terrain.coordinates import lonlat_at, on_earth
 from nnpp_edge.terrain.dem import Dem
-from nnpp_edge.terrain.route import Route, places_of
+from nnpp_edge.terrain.route import Route, places_of, standing_along
 from nnpp_edge.view.asked import Asked, Site, command_of
 from nnpp_edge.view.landscape import Landscape, painted
-from nnpp_edge.viz.picture import REFUSED, hillshade, refused_on
+from nnpp_edge.viz.palette import REFUSED
+from nnpp_edge.viz.picture import hillshade, refused_on
 
 IMPASSABLE = 255
 UNKNOWN = 0
@@ -42,6 +43,9 @@ _STEEPEST_DEG = 40.0
 """Slope from which on its layer grows no stronger."""
 _BLOCKED = 0.25
 """Share of a pixel's cells from which on it is impassable."""
+_MEASURES = ("length_m", "width_m", "radius_m")
+_TIMES_S = (1, 5, 15, 60, 300, 900, 1800, 3600, 7200, 14400, 28800, 86400)
+"""Of which bands of what can be reached are as wide as one."""
 _MOST_LANDSCAPES = 2
 """That are kept; each holds a planner's memory."""
 Answer = dict[str, object]
@@ -58,6 +62,8 @@ class Question(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     pixels: Annotated[int, Meta(ge=64, le=2048)] = 1024
     """Of a side of a layer, at most."""
     at: Cell = (0, 0)
+    within: float = math.inf
+    """The most that reaching a place may cost."""
     format: Literal["geojson", "gpx", "gpkg"] = "geojson"
     """Of the file; `at` is the place that is asked about."""
 
@@ -96,9 +102,15 @@ class Answerer:
                 "energy": body.mobility.energy is not None,
                 "arcs": body.has_arcs,
                 "clearance_m": vehicle and vehicle.clearance_m,
+                "outline": body.vehicle
+                and {name: getattr(body.vehicle, name) for name in _MEASURES},
                 "max_tilt_deg": vehicle and vehicle.max_tilt_deg,
             }
+        gpx = False
+        with suppress(NnppEdgeError):  # no coordinate system, or nothing that knows it
+            gpx = on_earth(dem)
         shown = {
+            "gpx": gpx,
             "refused": [{"colour": colour[::-1], "words": words} for colour, words in REFUSED],
             "name": dem.source.name,
             "shape": dem.shape,
@@ -152,9 +164,12 @@ class Answerer:
             cost = np.where(painted(dem.shape, asked.obstacles), np.float32(np.inf), landscape.cost)
             refused = refused_on(landscape.planner)
             limits = [] if refused is None else np.unique(refused[refused > 0]).tolist()
-            return {"refused": limits}, costs(cost, pixels, refused)
+            layer = costs(cost, pixels, refused)
+            layer[smaller(np.isnan(dem.elevation), pixels) > _BLOCKED] = UNKNOWN
+            return {"refused": limits}, layer
         if question.want == "reach":
-            return reach(landscape.planner.reach(asked.start), pixels)
+            field = landscape.planner.reach(asked.start, question.within)
+            return reach(field, pixels, unit_of(asked.step_cost) == "s")
         if question.want == "compare":
             plan, time_ms = landscape.compare(asked, question.method)
             told = plan.summary()
@@ -201,6 +216,10 @@ def path_answer(site: Site, asked: Asked, landscape: Landscape, plan: Plan) -> A
         ("cost", np.minimum(cost, 1.0), 3),
     ):
         answer[name] = np.round(values.astype(float), digits).tolist()
+    poses = landscape.planner.state.grid.robot.poses
+    for name, values in standing_along(plan, poses).items():
+        if name in ("heading_deg", "tilt_deg", "clearance_m"):
+            answer[name] = [None if math.isnan(each) else each for each in values.round(2).tolist()]
     if plan.drive is not None:
         answer["gears"] = plan.drive.gears.tolist()
     if plan.waypoints is not None:
@@ -240,7 +259,7 @@ def ground_in_words(dem: Dem, cell: Cell) -> str:
     return f"height {dem.elevation[cell]:.2f} m, {terms}" if terms else "its height is unknown"
 
 
-def reach(field: Float2D, pixels: int) -> tuple[Answer, Layer]:
+def reach(field: Float2D, pixels: int, in_seconds: bool = False) -> tuple[Answer, Layer]:
     """Cells that can be reached, width and number of bands of cost, and each pixel's: 1 the
     nearest, 0 nowhere.
     """
@@ -248,7 +267,10 @@ def reach(field: Float2D, pixels: int) -> tuple[Answer, Layer]:
     mean = mean_of_known(field, pixels)
     most = float(field[known].max(initial=0.0)) or 1.0
     power = 10.0 ** math.floor(math.log10(most / 8))  # eight bands at most, of a round width
-    step = next(times * power for times in (1, 2, 5, 10, 20) if most <= 8 * times * power)
+    round_steps = [times * power for times in (1, 2, 5, 10, 20)]
+    if in_seconds:
+        round_steps = [*_TIMES_S, *round_steps]
+    step = next(each for each in round_steps if most <= 8 * each)
     bands = 1.0 + np.maximum(mean, 0.0) / step
     layer = np.nan_to_num(bands).astype(np.uint8)
     return {"cells": int(known.sum()), "step": step, "bands": math.ceil(most / step)}, layer

@@ -1,87 +1,269 @@
 """Pictures of cost maps, plans and what can be reached, with OpenCV alone, so that the onboard
 install can draw them.
 
-Grey is traversability cost, the whiter the costlier, as in the paper; impassable cells are dark
-brown. A picture is (H, W, 3) uint8 in OpenCV's order blue, green, red.
+Under everything lies the relief, lit from the north-west and browner where a cell costs more;
+impassable cells are dark, unknown ones striped. A picture is (H, W, 3) uint8 in OpenCV's order
+blue, green, red.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.files import write_whole
-from nnpp_edge.runtime.arrays import Cells, Float2D, Floats
-from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.arrays import Bool, Cells, Float2D, Floats
+from nnpp_edge.runtime.cells import Cell, Rectangle, holding, slices, widened
 from nnpp_edge.runtime.map.along import Line
 from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.robots.body.refusal import refusals
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
-from nnpp_edge.viz.sheet import (
+from nnpp_edge.viz.palette import (
     BODY,
-    CIRCLE,
+    COST,
+    ENDED,
     GOAL,
+    GRID,
+    IMPASSABLE,
     INK,
+    OPTIMUM,
     PAPER,
+    PATH,
+    POINT,
+    REACHED,
+    REFUSED,
+    REGION,
     START,
+    UNKNOWN,
     Colour,
-    MapDrawing,
-    Picture,
-    metres,
 )
+from nnpp_edge.viz.sheet import CIRCLE, LEAST_PIXELS, MapDrawing, Picture, metres
 
 Mask = NDArray[np.bool_]
 Shade = NDArray[np.uint8]
-"""(H, W) in place of a picture's greys, or a number for each cell."""
+"""(H, W) lightness of the relief, or a number for each cell."""
 T = TypeVar("T", bound=np.generic)
 
-IMPASSABLE: Colour = (34, 44, 96)
-REGION: Colour = (255, 230, 0)
-PATH: Colour = (20, 120, 255)
-OPTIMUM: Colour = (255, 90, 235)
-GRID: Colour = (150, 245, 255)
-POINT: Colour = (255, 255, 255)
-REFUSED: tuple[tuple[Colour, str], ...] = (
-    ((200, 120, 40), "unknown ground, obstacle or edge"),
-    ((40, 40, 215), "too steep"),
-    ((110, 60, 235), "too steep ahead"),
-    ((190, 70, 220), "too steep sideways"),
-    ((20, 170, 240), "rock under a wheel"),
-    ((60, 150, 60), "ground touches the belly"),
-)
-"""Colour, and words of the legend, of ground where a limit refuses a vehicle, by its place in
-`REFUSALS`.
-"""
 MOST_SHOWN = 1 << 20
 """Cells of a map whose poses are all checked for a picture, a tenth of a second."""
-_NO_STAND = 0.45
+_NO_STAND = 0.75
 _BAND = 0.5
-"""How strongly cells are coloured where a vehicle stands in no heading, and bands of what can be
-reached.
+_TINT = 0.3
+"""How strongly cells are coloured where a vehicle stands in no heading, bands of what can be
+reached, and regions.
 """
+_DEAR = 0.65
+_SHUT = 0.85
+"""Likewise where a cell costs most, and where it is impassable."""
+_SHADES = np.uint8(0xFC)
+"""Of a ground's colours, the bits that are kept: files are half as large."""
+_FLAT = 185
+"""Of the relief's lightness, level ground."""
 _LIGHT = (315.0, 45.0)
 """Azimuth and height of the light of a hillshade, degrees."""
-_SHARP = 800
-"""Pixels of the longer side up to which a map is enlarged before bands are drawn on it."""
+_MOST_CELLS = 2000
+"""Of a side that is drawn: of one twice as long every second cell, and so on."""
+_AROUND = 0.15
+_LEAST_AROUND = 16
+"""Of the ground around a path that is shown: a share of its longer side, and cells."""
+_ZOOMED = 0.5
+"""Share of the map up to which a part of it is shown alone."""
+_PIECE = ((0.0, 0.0), (26.0, 0.0))
+"""Of a line, in the legend."""
+_CORNERS = ((0, 1), (0, 0), (1, 1), (1, 0))
+_OVERVIEW = 0.22
+"""Of the picture's longer side, that of the small map in its corner."""
+
+
+class Tint(NamedTuple):
+    """Cells that are coloured where they can be passed."""
+
+    cells: Mask
+    strength: float
+    colour: Colour
+    words: str
+    """Of the legend."""
+
+
+class Drawn(NamedTuple):
+    """A line that is drawn, with a dark rim."""
+
+    places: Line
+    colour: Colour
+    width: float
+    """Points."""
+    words: str
+    """Of the legend."""
+
+    @property
+    def layers(self) -> tuple[tuple[Colour, float], ...]:
+        """Colours and widths, the lowest first."""
+        return (INK, self.width + 2.0), (self.colour, self.width)
+
+
+class Reached(NamedTuple):
+    """How far a search came that found no path."""
+
+    cells: Bool
+    """(H, W) those to which it came."""
+    begun: str
+    """Where from: ``start`` or ``goal``."""
+    closest: Cell
+    """The nearest of these cells to the other end."""
+
+
+@dataclass(frozen=True, eq=False)
+class Chart:
+    """A map to draw on: what all pictures of it share."""
+
+    cost: Float2D
+    """(H, W) traversability cost; impassable where NaN or from 1 up."""
+    elevation: Float2D | None = None
+    """(H, W) metres, NaN where unknown; without it the ground is drawn level."""
+    sides_m: tuple[float, float] | None = None
+    """Of a cell, along columns and along rows; None where unknown."""
+    north_deg: float | None = None
+    """Where grid north lies, clockwise from up the rows; None where unknown."""
+
+    @property
+    def whole(self) -> Rectangle:
+        """All of the map."""
+        return (0, 0, *self.cost.shape)
+
+    def around(self, places: Line) -> Rectangle:
+        """The part to show of what lies at these places (N, 2): the whole map, unless they take up
+        little of it.
+        """
+        inside = np.clip(np.rint(places).astype(np.int64), 0, np.subtract(self.cost.shape, 1))
+        part = holding(inside)
+        longest = max(part[2:])
+        margin = max(math.ceil(_AROUND * longest), _LEAST_AROUND)
+        rows, cols = (margin + max((2 * longest // 3 - side) // 2, 0) for side in part[2:])
+        part = widened(part, (rows, cols), self.cost.shape)
+        return part if part[2] * part[3] <= _ZOOMED * self.cost.size else self.whole
+
+    def ground(self, part: Rectangle, step: int, tints: Sequence[Tint] = ()) -> Picture:
+        """A pixel for every `step`-th cell of a part."""
+
+        def drawn(cells: NDArray[T]) -> NDArray[T]:
+            return cells[slices(part)][::step, ::step]
+
+        cost = drawn(self.cost)
+        shade = None
+        if self.elevation is not None:
+            height, width = self.sides_m or (1.0, 1.0)
+            shade = hillshade(drawn(self.elevation), height * step, width * step)
+        picture = cost_picture(cost, shade)
+        for tint in tints:
+            on = drawn(tint.cells) & (cost < 1.0)
+            picture[on] = mixed(picture[on], tint.strength, tint.colour)
+        return picture
+
+    def picture(
+        self,
+        start: Cell | None = None,
+        goal: Cell | None = None,
+        *,
+        via: Sequence[Cell] = (),
+        lines: Sequence[Drawn] = (),
+        tints: Sequence[Tint] = (),
+        outlines: Sequence[Line] = (),
+        ended: Cell | None = None,
+        part: Rectangle | None = None,
+        facts: Iterable[str] = (),
+        begin: str = "start",
+        least: int = LEAST_PIXELS,
+    ) -> Picture:
+        """Draw a `part` of the map, by default all, with a legend; in a corner all of it, small.
+
+        Lines lie one over the other, the first lowest; `outlines` of a body are left out where
+        they would be dots; `ended` is where a search without a path did; the start's key is
+        `begin`.
+        """
+        row, col, rows, cols = part = part or self.whole
+        step = max(max(rows, cols) // _MOST_CELLS, 1)
+        drawing = MapDrawing(self.ground(part, step, tints), (row, col), step, least=least)
+        unknown = np.isnan(self.cost) if self.elevation is None else np.isnan(self.elevation)
+        drawing.hatched(unknown[slices(part)][::step, ::step])
+        keys = []
+        if start is not None:
+            keys.append(drawing.swatch(START, begin))
+        if goal is not None:
+            keys.append(drawing.swatch(GOAL, "goal"))
+        for line in lines:
+            if len(line.places):
+                keys.insert(
+                    2, drawing.drawn(28.0, [(_PIECE, *each) for each in line.layers], line.words)
+                )
+                for colour, width in line.layers:
+                    drawing.line(line.places[:, :2], colour, width)
+        if via:
+            keys.append(drawing.swatch(PAPER, "by way of"))
+        if drawing.bodies(outlines):
+            keys.append(drawing.swatch(BODY, "vehicle"))
+        keys += [drawing.swatch(tinted(tint), tint.words) for tint in tints]
+        for number, stop in enumerate(via, 1):
+            drawing.numbered(stop, str(number))
+        if ended is not None:
+            drawing.numbered(ended, "x", ENDED)
+            keys.append(drawing.swatch(ENDED, "where the search ended"))
+        if start is not None:
+            drawing.ends(start, goal)
+        if part != self.whole:
+            places = np.array([each for each in (start, goal, *via) if each is not None])
+            self._overview(drawing, part, tints, places)
+
+        # the ground's keys, and what is told in words
+        if (~(self.cost < 1.0) & ~unknown).any():
+            keys.append(drawing.swatch(SHUT_GROUND, "impassable"))
+        if unknown.any():
+            stripes = [([(at, 7), (at + 13, -6)], UNKNOWN, 2.0) for at in (0, 9)]
+            keys.append(drawing.drawn(22.0, stripes, "unknown"))
+        costs = cost_picture(np.linspace(0.0, 0.999, 30, dtype=np.float32)[None])[0].tolist()
+        bar = [
+            ([(x, 0), (x + 4, 0)], each, 13.0)
+            for x, each in zip(range(7, 127, 4), costs, strict=True)
+        ]
+        keys.append(drawing.drawn(137.0, bar, "traversability cost, 0 to 1"))
+        scale = drawing.scale(None if self.sides_m is None else self.sides_m[1])
+        words = [drawing.text_item(fact) for fact in facts]
+        return drawing.finish([keys, words + scale + drawing.north(self.north_deg)])
+
+    def _overview(
+        self, drawing: MapDrawing, part: Rectangle, tints: Sequence[Tint], places: Cells
+    ) -> None:
+        """Put the whole map into the corner that is farthest from places."""
+        share = _OVERVIEW * max(drawing.map.shape[:2]) / max(self.cost.shape)
+        small = self.ground(self.whole, max(int(1.0 / share), 1), tints)
+        size = tuple(max(round(cells * share), 1) for cells in self.cost.shape[::-1])
+        small = cv2.resize(small, size, interpolation=cv2.INTER_AREA)  # type: ignore[assignment]
+        row, col, rows, cols = (round(cells * share) for cells in part)
+        shares = (places - part[:2]) / part[2:]
+        corner = max(_CORNERS, key=lambda each: np.abs(shares - each).max(1).min())
+        drawing.overview(small, (row, col, max(rows, 6), max(cols, 6)), corner)
 
 
 def cost_picture(cost: Float2D, shade: Shade | None = None) -> Picture:
-    """A cell a pixel: grey from 0 (black) to 1 (white), or `shade`, (H, W) uint8 from `hillshade`,
-    in its place.
-
-    Impassable cells, NaN or from 1 up, are dark brown.
+    """A cell a pixel: the relief, (H, W) uint8 from `hillshade`, or level ground, the browner the
+    costlier; impassable cells, NaN or from 1 up, are dark.
     """
     passable = cost < 1.0
-    if shade is None:
-        shade = np.where(passable, 255.0 * cost.clip(0.0), 0.0).astype(np.uint8)
-    picture = np.repeat(shade[..., None], 3, axis=2)
-    picture[~passable] = IMPASSABLE
-    return picture
+    lightness = np.float32(105.0) + np.float32(0.6) * (_FLAT if shade is None else shade)
+    lit = np.broadcast_to(lightness, cost.shape)[..., None]
+    strength = np.where(passable, _DEAR * cost.clip(0.0), _SHUT)[..., None].astype(np.float32)
+    colours = np.array((COST, IMPASSABLE), np.float32)
+    colour = np.where(passable[..., None], *colours)
+    picture = ((1.0 - strength) * lit + strength * colour).astype(np.uint8)
+    return picture & _SHADES
+
+
+SHUT_GROUND: Colour = tuple(cost_picture(np.ones((1, 1), np.float32))[0, 0].tolist())
 
 
 def hillshade(elevation: Float2D, cell_size_m: float, cell_width_m: float | None = None) -> Shade:
@@ -107,35 +289,25 @@ def hillshade(elevation: Float2D, cell_size_m: float, cell_width_m: float | None
     return np.asarray(shade, np.uint8)
 
 
-def cost_map_picture(cost: Float2D, *, cell_size_m: float | None = None) -> Picture:
-    """A cost map (H, W) above a colour bar, a scale and the key to impassable cells."""
-    drawing = MapDrawing(cost_picture(cost))
-    impassable = [drawing.swatch(*each) for each in _impassable(cost)]
-    return drawing.finish([[drawing.grey_bar(), *impassable, *drawing.scale(cell_size_m)]])
-
-
 def plan_picture(
-    cost: Float2D,
+    chart: Chart,
     plan: Plan,
     start: Cell,
     goal: Cell,
     *,
     via: Sequence[Cell] = (),
-    shade: Shade | None = None,
     reference_path: Line | None = None,
-    cell_size_m: float | None = None,
     length_m: float | None = None,
     outlines: Sequence[Line] = (),
     refused: Shade | None = None,
     point_path: Cells | None = None,
+    reached: Reached | None = None,
 ) -> Picture:
-    """Draw a plan on its map: regions in translucent cyan, path, start (yellow square) and goal
-    (red star).
+    """Draw a plan on its map: region, path, start (square) and goal (star); where these take up
+    little of the map the part around them, with the whole map in a corner.
 
     Parameters
     ----------
-    cost : (H, W) float32
-        Traversability cost; `shade`, (H, W) uint8 from `hillshade`, is drawn in its place.
     plan : Plan
         Made with its regions, if they are to be drawn.
     start, goal : (row, col)
@@ -143,98 +315,56 @@ def plan_picture(
     via : sequence of (row, col)
         Places between, in the order in which they are visited.
     reference_path : (N, 2) int
-        The exact optimum, drawn thinner.
+        The exact optimum, drawn wider and below the path: both are seen where they agree.
+    length_m : float
+        For the legend; without it that gives the length in cells.
     outlines : sequence of (N, 2) float
-        Of a vehicle along the path, rows and columns, from `body_outlines`.
+        Of a vehicle along the path, rows and columns, from `body_outlines`; left out where they
+        would be dots.
     refused : (H, W) uint8
         Where it stands in no heading, from `robots.body.refusal.refusals`.
     point_path : (N, 2) int
         The path of a point; beside one of arcs, of the same body that turns on the spot.
-    cell_size_m, length_m : float
-        For the scale and the legend; without a length it gives that in cells.
+    reached : Reached
+        Where no path was found: what the search came to is tinted, and its end marked.
     """
-    ground = cost_picture(cost, shade)
-    tints = list(_tints(plan, refused))
-    for mask, strength, colour, _ in tints:
-        mask &= cost < 1.0
-        ground[mask] = _mixed(ground[mask], strength, colour)
-    drawing = MapDrawing(ground)
-
-    # the optimum lies on the path, thinner, and its rim below: both are seen where they agree
-    lines = _lines(plan, reference_path, point_path)
-    for line, _, width, _ in reversed(lines):
-        drawing.line(line, INK, width + 2.0)
-    for line, colour, width, _ in lines:
-        drawing.line(line, colour, width)
-    drawing.bodies(outlines)
-    for number, stop in enumerate(via, 1):
-        drawing.numbered(stop, str(number))
-    drawing.ends(start, goal)
-
-    # the legend
-    swatches = [
-        (START, "start"),
-        (GOAL, "goal"),
-        *([(PAPER, "by way of")] if via else []),
-        *((colour, words) for _, colour, _, words in lines),
-        *([(BODY, "vehicle")] if outlines else []),
-        *((_tint(shade, strength, colour), words) for _, strength, colour, words in tints),
-        *_impassable(cost),
-    ]
-    keys = [drawing.swatch(*each) for each in swatches]
-    if shade is None:
-        keys.append(drawing.grey_bar())
-    facts = [drawing.text_item(text) for text in _facts(plan, length_m)]
-    return drawing.finish([keys, facts + drawing.scale(cell_size_m)])
+    lines = list(_lines(plan, reference_path, point_path))
+    ended = None if reached is None else reached.closest
+    stops = [each for each in (start, goal, *via, ended) if each is not None]
+    drawn = [line.places[:, :2].astype(np.float64) for line in lines]
+    return chart.picture(
+        start,
+        goal,
+        via=via,
+        lines=lines,
+        tints=list(_tints(plan, refused, reached)),
+        outlines=outlines,
+        ended=ended,
+        part=chart.around(np.concatenate([np.array(stops, np.float64), *drawn])),
+        facts=_facts(plan, length_m),
+    )
 
 
 def reach_picture(
-    cost: Float2D,
-    field: Float2D,
-    levels: Sequence[tuple[float, str]],
-    start: Cell,
-    *,
-    shade: Shade | None = None,
-    cell_size_m: float | None = None,
+    chart: Chart, field: Float2D, levels: Sequence[tuple[float, str]], start: Cell
 ) -> Picture:
-    """Draw bands of what can be reached at what cost, the nearest first, on the cost or the relief.
+    """Draw bands of what can be reached at what cost, the nearest first, on the part of the map
+    around them.
 
     `field` is (H, W) float32, the cost of getting to each cell, inf where that is not possible;
-    `levels` say where each band ends, ascending, and what the legend says of it (ASCII); `shade` is
-    as of `plan_picture`.
+    `levels` say where each band ends, ascending, and what the legend says of it (ASCII).
     """
-    ground = cost_picture(cost, shade)
     band = np.searchsorted([level for level, _ in levels], field)
     # along a scale from dark to light
     middles = 255 * (np.arange(len(levels)) + 0.5) / len(levels)
     scale = np.rint(middles[None]).astype(np.uint8)
     colours = cv2.applyColorMap(scale, cv2.COLORMAP_PLASMA)[0].tolist()
-    for at, colour in enumerate(colours):
-        ground[band == at] = _mixed(ground[band == at], _BAND, colour)
-
-    # several pixels to a cell, so that lines between bands are thinner than cells
-    fine = math.ceil(_SHARP / max(cost.shape))
-
-    def enlarged(cells: NDArray[T]) -> NDArray[T]:
-        return cells.repeat(fine, 0).repeat(fine, 1)
-
-    ground = enlarged(ground)
-    band = enlarged(band)
-    edges = np.diff(band, axis=0, append=band[-1:]) != 0
-    edges |= np.diff(band, axis=1, append=band[:, -1:]) != 0
-    ground[edges & enlarged(cost < 1.0)] = INK
-
-    drawing = MapDrawing(ground)
-    row, col = (cell * fine + fine // 2 for cell in start)
-    drawing.ends((row, col))
-    bands = [
-        (_tint(shade, _BAND, colour), words)
-        for colour, (_, words) in zip(colours, levels, strict=True)
+    tints = [
+        Tint(band == at, _BAND, colour, words)
+        for at, (colour, (_, words)) in enumerate(zip(colours, levels, strict=True))
     ]
-    swatches = [(START, "start"), *bands, *_impassable(cost)]
-    keys = [drawing.swatch(*each) for each in swatches]
-    side = None if cell_size_m is None else cell_size_m / fine
-    return drawing.finish([keys, drawing.scale(side)])
+    part = chart.around(np.argwhere(np.isfinite(field)).astype(np.int32))
+    return chart.picture(start, tints=tints, part=part)
 
 
 def body_outlines(
@@ -293,7 +423,7 @@ def refused_on(planner: Planner) -> Shade | None:
 
 def png_bytes(picture: Picture) -> bytes:
     """Encode a picture as PNG."""
-    return cv2.imencode(".png", picture)[1].tobytes()
+    return cv2.imencode(".png", picture, (cv2.IMWRITE_PNG_COMPRESSION, 4))[1].tobytes()
 
 
 def save_picture(path: Path, picture: Picture) -> None:
@@ -301,38 +431,33 @@ def save_picture(path: Path, picture: Picture) -> None:
     write_whole(path, png_bytes(picture))
 
 
-def _tints(plan: Plan, refused: Shade | None) -> Iterator[tuple[Mask, float, Colour, str]]:
-    """Cells that are tinted: mask, how strongly, colour, and words of the legend."""
+def _tints(plan: Plan, refused: Shade | None, reached: Reached | None) -> Iterator[Tint]:
+    """Cells that are tinted."""
     if plan.network_region is not None:
-        yield plan.network_region.mask(), 0.2, REGION, "network's region"
+        yield Tint(plan.network_region.mask(), 0.15, REGION, "network's region")
     if plan.region is not None:
-        yield plan.region.mask(), 0.42, REGION, "region searched"
+        yield Tint(plan.region.mask(), _TINT, REGION, "region searched")
+    if reached is not None:
+        words = "reached from the start" if reached.begun == "start" else "leads to the goal"
+        yield Tint(reached.cells, _TINT, REACHED, words)
     if refused is not None:
         for limit in np.unique(refused[refused > 0]).tolist():
-            yield refused == limit, _NO_STAND, *REFUSED[limit - 1]
+            yield Tint(refused == limit, _NO_STAND, *REFUSED[limit - 1])
 
 
-def _lines(
-    plan: Plan,
-    reference_path: Line | None,
-    point_path: Line | None,
-) -> list[tuple[Line, Colour, float, str]]:
-    """Paths that are drawn: places, colour, width, and words of the legend."""
+def _lines(plan: Plan, reference_path: Line | None, point_path: Line | None) -> Iterator[Drawn]:
+    """Paths that are drawn, the lowest first."""
     arcs = plan.states is not None
     freed = plan.line is not plan.path and not arcs
     words = "path of arcs" if arcs else "path freed from the grid" if freed else "path"
-    other = "path with turns on the spot" if arcs else "path of a point"
-    lines = (
-        (plan.line, PATH, 5.0, words),
-        (plan.path if freed else None, GRID, 1.5, "path of the grid"),
-        (reference_path, OPTIMUM, 2.0, "exact optimum"),
-        (point_path, POINT, 2.0, other),
-    )
-    return [
-        (line, colour, width, words)
-        for line, colour, width, words in lines
-        if line is not None and len(line)
-    ]
+    if reference_path is not None:
+        yield Drawn(reference_path, OPTIMUM, 9.0, "exact optimum")
+    if point_path is not None:
+        other = "path with turns on the spot" if arcs else "path of a point"
+        yield Drawn(point_path, POINT, 2.5, other)
+    if freed:
+        yield Drawn(plan.path, GRID, 2.0, "path of the grid")
+    yield Drawn(plan.line, PATH, 3.5, words)
 
 
 def _facts(plan: Plan, length_m: float | None) -> Iterator[str]:
@@ -355,17 +480,12 @@ def _number(x: float) -> str:
     return f"{x:.0f}" if x >= 1000.0 else f"{x:.4g}"
 
 
-def _impassable(cost: Float2D) -> list[tuple[Colour, str]]:
-    """The key to impassable cells, if there are any."""
-    return [] if (cost < 1.0).all() else [(IMPASSABLE, "impassable")]
+def tinted(tint: Tint) -> Colour:
+    """Its colour on level ground."""
+    ground = cost_picture(np.zeros((1, 1), np.float32))[0, 0]
+    return tuple(mixed(ground, tint.strength, tint.colour).tolist())
 
 
-def _tint(shade: Shade | None, strength: float, colour: Colour) -> Colour:
-    """A colour laid over ground of middling lightness."""
-    ground = np.full(3, 90 if shade is None else 190, np.uint8)
-    return tuple(_mixed(ground, strength, colour).tolist())
-
-
-def _mixed(ground: Picture, strength: float, colour: Colour) -> Picture:
+def mixed(ground: Picture, strength: float, colour: Colour) -> Picture:
     """A colour laid over the ground, which shows through."""
     return ((1.0 - strength) * ground + strength * np.array(colour)).astype(np.uint8)

@@ -5,7 +5,7 @@ Lengths in points: a pixel on maps of up to 1000 pixels, more on larger ones. Te
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
 import cv2
@@ -13,24 +13,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Cells, Floats
-from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.cells import Cell, Rectangle
+from nnpp_edge.viz.palette import (
+    BODY,
+    GOAL,
+    INK,
+    PAPER,
+    START,
+    UNKNOWN,
+    Colour,
+)
 
 Picture = NDArray[np.uint8]
-Colour = tuple[int, int, int]
-"""Blue, green, red."""
 Point = tuple[float, float]
 Points = NDArray[np.generic]
+Stroke = tuple[Sequence[Sequence[float]] | Points, Colour, float]
+"""A line of points (x, y), its colour and its width."""
 
-START: Colour = (0, 215, 255)
-GOAL: Colour = (30, 20, 225)
-BODY: Colour = (120, 255, 190)
-INK: Colour = (30, 30, 30)
-PAPER: Colour = (250, 250, 250)
-_SMALL = 800
+LEAST_PIXELS = 800
 _LARGE = 2000
 """Longer sides, in pixels, below which a map is enlarged and above which it is reduced."""
 _SHIFT = 4
 """Points are drawn to 1/16 pixel."""
+_LEAST_BODY = 7.0
+"""Points of a vehicle's length below which it would be a dot."""
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
 _TURN = np.linspace(0.0, 2.0 * math.pi, 33)
 CIRCLE = np.column_stack((np.cos(_TURN), np.sin(_TURN)))
@@ -46,46 +52,87 @@ class Item(NamedTuple):
 
 
 class MapDrawing:
-    """A map at a handy size with a margin, what is drawn on it, and a legend below."""
+    """A map at a handy size with a margin, what is drawn on it, and a legend below.
 
-    def __init__(self, ground: Picture) -> None:
+    Its ground (H, W, 3) may show a part of a map, from the cell `origin` on, and of it each
+    `step`-th cell; all else is given in cells of the map. Its longer side has at `least` so many
+    pixels.
+    """
+
+    def __init__(
+        self, ground: Picture, origin: Cell = (0, 0), step: int = 1, *, least: int = LEAST_PIXELS
+    ) -> None:
         rows, cols = ground.shape[:2]
         longest = max(rows, cols)
-        factor = max(math.ceil(_SMALL / longest), 1) if longest < _LARGE else _LARGE / longest
+        factor = max(math.ceil(least / longest), 1) if longest < _LARGE else _LARGE / longest
         height = max(1, round(rows * factor))
         width = max(1, round(cols * factor))
-        how = cv2.INTER_NEAREST if factor > 1 else cv2.INTER_AREA
-        ground = cv2.resize(ground, (width, height), interpolation=how)  # type: ignore[assignment]
         self.unit = max(1.0, max(height, width) / 1000.0)
         """Pixels to a point: text, lines and symbols are larger on a larger map."""
-        self.sides = (height / rows, width / cols)
-        across = max(width, _SMALL)
-        self._cells_across = cols * across / width
+        self.sides = (height / rows / step, width / cols / step)
+        """Pixels of a cell of the map."""
+        across = max(width, least)
+        self._cells_across = across / self.sides[1]
+        self._origin = origin
+        self._corner: tuple[Picture, Cell] | None = None
 
         # the map in the middle of a strip of paper
         self.margin = top = round(18 * self.unit)
         self.left = left = top + (across - width) // 2
         self.picture = _paper(height + 2 * top, across + 2 * top)
-        self.picture[top : top + height, left : left + width] = ground
+        self.map = self.picture[top : top + height, left : left + width]
+        """The map's pixels."""
+        self.map[:] = self._enlarged(ground)
+
+    def _enlarged(self, cells: Picture) -> Picture:
+        height, width = self.map.shape[:2]
+        how = cv2.INTER_NEAREST if height > cells.shape[0] else cv2.INTER_AREA
+        return cv2.resize(cells, (width, height), interpolation=how)  # type: ignore[return-value]
+
+    def _points(self, cells: Points) -> Floats:
+        """(N, 2) x and y of the middles of cells."""
+        places: Floats = (cells.astype(np.float64) - self._origin + 0.5) * self.sides - 0.5
+        return np.add(places[:, ::-1], (self.left, self.margin))
 
     def _at(self, cell: Cell) -> Point:
         """Where the middle of a cell lies, (x, y)."""
         return tuple(self._points(np.array([cell]))[0].tolist())
 
-    def _points(self, cells: Points) -> Floats:
-        """(N, 2) x and y of the middles of cells."""
-        down, across = ((cells.astype(np.float64) + 0.5) * self.sides - 0.5).T
-        return np.column_stack([across + self.left, down + self.margin])
+    def hatched(self, mask: NDArray[np.bool_]) -> None:
+        """Draw ground, (H, W) as that of the map, that is unknown: stripes on paper."""
+        height, width = self.map.shape[:2]
+        on = self._enlarged(mask.astype(np.uint8)) > 0
+        down, across = np.ogrid[:height, :width]
+        stripe = (down + across) % round(9 * self.unit) < 2 * self.unit
+        self.map[on] = PAPER
+        self.map[on & stripe] = UNKNOWN
+
+    def overview(self, whole: Picture, part: Rectangle, corner: Cell) -> None:
+        """Have the whole map drawn, small, in a corner (0 or 1, 0 or 1), with the part (in pixels
+        of it) that the picture shows.
+        """
+        row, col, rows, cols = part
+        last = (col + cols - 1, row + rows - 1)
+        for colour, width in ((PAPER, 4), (INK, 2)):
+            cv2.rectangle(whole, (col, row), last, colour, width)
+        framed = cv2.copyMakeBorder(whole, 2, 2, 2, 2, cv2.BORDER_CONSTANT, value=INK)
+        self._corner = (np.asarray(framed, np.uint8), corner)
 
     def line(self, cells: Points, colour: Colour, width: float) -> None:
         """A path, `width` points wide."""
         self._stroke(self._points(cells), colour, width)
 
-    def bodies(self, outlines: Sequence[Points]) -> None:
-        """Draw outlines of a vehicle, rows and columns."""
+    def bodies(self, outlines: Sequence[Points]) -> bool:
+        """Draw outlines of a vehicle, rows and columns; whether they are large enough to be
+        drawn.
+        """
+        sizes = [np.ptp(outline * self.sides, axis=0).max() for outline in outlines]
+        if max(sizes, default=0.0) < _LEAST_BODY * self.unit:
+            return False
         for outline in outlines:
-            self.line(outline, INK, 2.5)
+            self.line(outline, PAPER, 3.0)
             self.line(outline, BODY, 1.2)
+        return True
 
     def ends(self, start: Cell, goal: Cell | None = None) -> None:
         """Draw a square at the start, and a star at the goal, below it."""
@@ -97,10 +144,10 @@ class MapDrawing:
         square = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
         self._polygon(square * 6.5, self._at(start), START)
 
-    def numbered(self, cell: Cell, number: str) -> None:
-        """Draw a place between start and goal, by its number."""
+    def numbered(self, cell: Cell, number: str, colour: Colour = PAPER) -> None:
+        """Draw a place by its number or its sign."""
         x, y = self._at(cell)
-        self._polygon(CIRCLE * 9.0, (x, y), PAPER)
+        self._polygon(CIRCLE * 9.0, (x, y), colour)
         self._text(number, x - 0.5 * self._text_width(number), y)
 
     def swatch(self, colour: Colour, words: str) -> Item:
@@ -108,20 +155,27 @@ class MapDrawing:
         corners = np.array([(0, -7), (22, -7), (22, 7), (0, 7)])
         return self._key(22.0, lambda x, y: self._polygon(corners, (x, y), colour), words)
 
-    def grey_bar(self) -> Item:
-        """A key: the greys from 0 to 1."""
+    def drawn(self, width: float, strokes: Iterable[Stroke], words: str) -> Item:
+        """A key, `width` points wide: strokes from its left edge and its middle line on."""
 
         def draw(x: float, y: float) -> None:
-            half = round(7 * self.unit)
-            left = round(x)
-            top = round(y) - half
-            right = left + round(150 * self.unit)
-            bottom = top + 2 * half
-            greys = np.linspace(0, 255, right - left)
-            self.picture[top:bottom, left:right] = greys[:, None]
-            cv2.rectangle(self.picture, (left, top), (right, bottom), INK, 1)
+            for points, colour, weight in strokes:
+                self._stroke(np.add(np.multiply(points, self.unit), (x, y)), colour, weight)
 
-        return self._key(150.0, draw, "traversability cost, 0 to 1")
+        return self._key(width, draw, words)
+
+    def north(self, degrees: float | None) -> list[Item]:
+        """A key: an arrow to the map's north, degrees clockwise from up; none where that is
+        unknown.
+        """
+        if degrees is None:
+            return []
+        turn = math.radians(degrees)
+        right = np.array((math.cos(turn), math.sin(turn)))
+        down = np.array((-math.sin(turn), math.cos(turn)))
+        arrow = [(0, 9), (0, -9), (-5, -2), (0, -9), (5, -2)]
+        turned = [x * right + y * down + (9, 0) for x, y in arrow]
+        return [self.drawn(18.0, [(turned, INK, 1.5)], "grid north")]
 
     def scale(self, cell_size_m: float | None) -> list[Item]:
         """A key: a bar of a round length; none where the size of a cell is not known."""
@@ -131,13 +185,8 @@ class MapDrawing:
         decade = 10.0 ** math.floor(math.log10(most))
         length_m = max(n * decade for n in (1, 2, 5) if n * decade <= most)
         right = length_m / cell_size_m * self.sides[1] / self.unit
-        across = np.array([0.0, 0.0, 0.0, right, right, right])
-        bar = np.column_stack((across, [-5, 5, 0, 0, -5, 5]))
-
-        def draw(x: float, y: float) -> None:
-            self._stroke(np.array([x, y]) + bar * self.unit, INK, 1.5)
-
-        return [self._key(right, draw, metres(length_m))]
+        bar = [(0, -5), (0, 5), (0, 0), (right, 0), (right, -5), (right, 5)]
+        return [self.drawn(right, [(bar, INK, 1.5)], metres(length_m))]
 
     def text_item(self, words: str) -> Item:
         """Words alone."""
@@ -145,6 +194,12 @@ class MapDrawing:
 
     def finish(self, lines: Sequence[Sequence[Item]]) -> Picture:
         """Add lines of keys below the map, broken where they are too long for it."""
+        if self._corner is not None:
+            small, (down, across) = self._corner
+            high, wide = small.shape[:2]
+            top = down * (self.map.shape[0] - high)
+            left = across * (self.map.shape[1] - wide)
+            self.map[top : top + high, left : left + wide] = small
         bottom, width = self.picture.shape[:2]
         row = 0
         placed = []

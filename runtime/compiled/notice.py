@@ -30,9 +30,20 @@ def begins(line: str) -> threading.Timer:
 
 @contextmanager
 def told_if_slow(line: str) -> Iterator[None]:
-    """Tell this if what is within takes more than a second."""
-    timer = begins(line)
+    """Tell this once what is within has taken a second, and again after 2, 4, 8… with the time."""
+    done = threading.Event()
+
+    def watch(tell: Callable[[str], None]) -> None:
+        elapsed_s = AFTER_S
+        wait_s = AFTER_S
+        while not done.wait(wait_s):
+            tell(line if elapsed_s == AFTER_S else f"{line}: {elapsed_s:g} s so far")
+            wait_s = elapsed_s
+            elapsed_s *= 2.0
+
+    if tell is not None:
+        threading.Thread(target=watch, args=(tell,), daemon=True).start()
     try:
         yield
     finally:
-        timer.cancel()
+        done.set()

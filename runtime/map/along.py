@@ -124,15 +124,16 @@ class Along:
     @cached_property
     def time_s(self) -> Floats:
         """(N,) seconds from the start."""
-        return self._by(self.mobility.time or self.walker or self.mobility.tobler)
+        model = self.mobility.time or self.walker or self.mobility.tobler
+        return np.full(len(self.points), math.nan) if model is None else self._by(model)
 
     @property
     def time_by(self) -> str:
-        """Whose time that is, in words."""
-        function = (self.walker or self.mobility.tobler).function
-        return (
-            f"on foot, by {function}" if self.mobility.time is None else "at the vehicle's speeds"
-        )
+        """Whose time that is, in words; empty where it is nobody's."""
+        if self.mobility.time is not None:
+            return "at the vehicle's speeds"
+        walker = self.walker or self.mobility.tobler
+        return f"on foot, by {walker.function}" if walker is not None else ""
 
     @cached_property
     def energy_j(self) -> Floats:

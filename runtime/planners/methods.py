@@ -47,6 +47,7 @@ Way = tuple[DynamicMethod, str, Callable[[Query, Work], Found | None]]
 """A method, why that one, and what looks for a path by it: None where the next way is to be tried.
 """
 _NEAR = f"the goal is less than {NEAR} cells away"
+_NONE_SUFFICES = "the network's regions hold no path that suffices"
 _UNASKED = "no network is used for a vehicle's body: the corridor is as fast, closer to optimal"
 
 
@@ -65,7 +66,7 @@ def pick_method(
         )
     # the figures are of the network `edge`
     if max(shape) >= LARGE_MAP and apart >= FAR and Path(file_of(model)).stem == "edge":
-        return Method.NNPP, f"the fastest from {FAR} cells on, on a large map"
+        return Method.NNPP, f"on a large map mostly the fastest from {FAR} cells on"
     return Method.CORRIDOR, "as fast as the learned region, closer to optimal"
 
 
@@ -213,6 +214,11 @@ class Methods:
         picked, why = pick_method(self.state.shape, self._model, self.has_poses, query.apart)
         if picked is Method.ASTAR:
             return self.near_ways(f"{why}, but the way is long")
+        if picked is Method.NNPP:
+            return [
+                (DynamicMethod.NNPP, why, partial(self.network_region, alone=True)),
+                (DynamicMethod.CORRIDOR, _NONE_SUFFICES, self.corridor),
+            ]
         return [self.way(DynamicMethod(picked), why)]
 
     def near_ways(self, else_why: str) -> Sequence[Way]:
@@ -308,9 +314,16 @@ class Methods:
                 return Found.of(grid, whole, Source.REGION, None, work)
         return None
 
-    def network_region(self, query: Query, work: Work, searcher: Searcher | None = None) -> Found:
-        """A path in the network's region, else in a wider one, else on the whole map; a near goal
-        by A*.
+    def network_region(
+        self,
+        query: Query,
+        work: Work,
+        searcher: Searcher | None = None,
+        *,
+        alone: bool = False,
+    ) -> Found | None:
+        """A path in the network's region, else in a wider one, else on the whole map, or with
+        `alone` None; a near goal by A*.
 
         NNPP, sections 4.2 and 4.3. Raises ModelError where the network cannot be loaded.
         """
@@ -333,6 +346,8 @@ class Methods:
             if found is not None and found.suffices(query):
                 break
         else:
+            if alone:
+                return None
             found = self.search_map(query, work, Source.FALLBACK)
         return found._replace(threshold=td, network_region=at_td)
 

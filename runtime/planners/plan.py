@@ -328,11 +328,13 @@ class Plan:
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw the path, and the region where it was kept, with matplotlib, a cell a unit; by
-        default on new axes.
+        default on new axes. They are labelled in metres where these are known.
         """
         from nnpp_edge.runtime.planners.plan_shown import draw
 
-        return draw(self.line, self.region, f"{self.status}: {self.planner or self.method}", ax)
+        sides_m = None if self.along is None else self.along.sides_m
+        title = f"{self.status}: {self.planner or self.method}"
+        return draw(self.line, self.region, title, ax, sides_m)
 
     def __str__(self) -> str:
         """Its figures, a line each."""

@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
 _SIDE = 2.4
 """Inches of the small picture."""
-_PATH = "#ff7814"
-_START = "#ffd23f"
-_GOAL = "#e5322d"
-_RIM = "#1d1d1d"
+_PATH = "#d55e00"
+_START = "#f0e442"
+_GOAL = "#cc79a7"
+_RIM = "#1e1e1e"
 _ROW = (
     "<tr><th style='text-align:left;font-weight:normal'>{}</th><td "
     "style='text-align:right'>{}</td></tr>"
@@ -49,8 +49,16 @@ def html_of(rows: Mapping[str, object], line: Line, region: Region | None) -> st
     )
 
 
-def draw(line: Line, region: Region | None, title: str, axes: "Axes | None" = None) -> "Axes":
-    """Draw a line, (N, 2), with its ends; see `Plan.plot`."""
+def draw(
+    line: Line,
+    region: Region | None,
+    title: str,
+    axes: "Axes | None" = None,
+    sides_m: tuple[float, float] | None = None,
+) -> "Axes":
+    """Draw a line, (N, 2), with its ends; see `Plan.plot`. Where the sides of a cell are known the
+    axes count metres.
+    """
     if axes is None:
         axes = optional_module("matplotlib.pyplot", "plan.plot()", "viz").subplots(
             layout="constrained"
@@ -74,6 +82,11 @@ def draw(line: Line, region: Region | None, title: str, axes: "Axes | None" = No
             label="end",
         )
     drawn.set(xlabel="column", ylabel="row", title=title, aspect="equal")
+    if sides_m is not None:
+        high, wide = sides_m
+        drawn.xaxis.set_major_formatter(lambda col, _: f"{col * wide:.6g}")
+        drawn.yaxis.set_major_formatter(lambda row, _: f"{row * high:.6g}")
+        drawn.set(xlabel="along a row, m", ylabel="along a column, m")
     if not drawn.yaxis_inverted():
         drawn.invert_yaxis()  # rows go down
     return drawn

@@ -7,7 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Unpack
 
 from nnpp_edge.runtime.arguments import checked
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.arrays import Bool, Float2D
 from nnpp_edge.runtime.cells import Cell, as_cell
 from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -249,6 +249,14 @@ class Planner(OnMap):
         or `within` is below 0.
         """
         return self._reach(start, within)
+
+    @one_at_a_time
+    def came_to(self, start: Cell) -> tuple[Bool, bool]:
+        """Right after a `plan` from this cell with NO_PATH: the cells (H, W) to which its search
+        came, and whether from the start; else from the goal.
+        """
+        memory = self._methods.astar.workspace
+        return self._state.grid.robot.came_to(self._state.grid, as_cell(start, "start"), memory)
 
     def _planned(self, start: Cell, goal: Cell, asked: PlanOptions, work: Work) -> Plan:
         refining = self._frees(asked.get("refine"))

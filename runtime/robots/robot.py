@@ -9,6 +9,8 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from nnpp_edge.runtime.arrays import Bool, Cells, Float32s, Floats
 from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -242,6 +244,12 @@ class Robot:
     def why_blocked(self, cell: Cell) -> str:
         """Why it cannot stand on a cell, where that is known better than by the cell's cost."""
         return ""
+
+    def came_to(self, grid: "Grid", start: Cell, memory: Workspace) -> tuple[Bool, bool]:
+        """Cells (H, W) to which the search came that has just found no path on the whole map, and
+        whether from the start; else from the goal.
+        """
+        return np.isfinite(grid.inner(memory.costs())), True
 
     def why_ended(self, grid: "Grid", start: Cell, goal: Cell, memory: Workspace) -> str:
         """Why the search of the whole map that has just ended got no farther; empty if unknown."""

@@ -3,6 +3,7 @@
 import signal
 import subprocess
 import sys
+import threading
 
 from nnpp_edge.runtime.compiled import notice
 
@@ -82,3 +83,19 @@ def test_what_takes_a_second_is_told_once_and_what_does_not_is_not(monkeypatch):
     for _ in range(2):
         notice.begins("a wait").join()
     assert heard == ["a wait"]
+
+
+def test_who_waits_longer_is_told_again_with_the_time(monkeypatch):
+    heard = []
+    enough = threading.Event()
+
+    def tell(line):
+        heard.append(line)
+        if len(heard) == 3:
+            enough.set()
+
+    monkeypatch.setattr(notice, "tell", tell)
+    monkeypatch.setattr(notice, "AFTER_S", 0.01)
+    with notice.told_if_slow("a long wait"):
+        assert enough.wait(5.0)
+    assert heard[0] == "a long wait" and heard[2] == "a long wait: 0.04 s so far"

@@ -84,7 +84,7 @@ def test_the_files_hold_the_path_in_map_coordinates(told, tmp_path):
     Path("dem.tif").write_bytes(
         raster_bytes(tmp_path, heights, Dem(heights, 2.0, 2.0, PLACE, tmp_path))
     )
-    found = told(f"plan dem.tif {ENDS} --method astar --hillshade -o", folder)
+    found = told(f"plan dem.tif {ENDS} --method astar -o", folder)
     assert found == written(folder / "plan.json")
     assert sorted(found["files"]) == sorted(map(str, folder.iterdir()))
     path = plan_path(traversability_cost(heights, 2.0), (5, 5), (70, 80), method="astar").path

@@ -8,6 +8,7 @@ import math
 import subprocess
 import sys
 from pathlib import Path
+from xml.etree import ElementTree
 
 import cv2
 import numpy as np
@@ -20,8 +21,9 @@ from nnpp_edge.runtime.kernels.poses import REFUSALS
 from nnpp_edge.runtime.map.along import Numbers
 from nnpp_edge.runtime.planners.turns import curvatures
 from nnpp_edge.terrain.vehicle_files import load_mobility, load_vehicle
-from nnpp_edge.viz.picture import BODY as OUTLINE
-from nnpp_edge.viz.picture import POINT, REFUSED
+from nnpp_edge.viz.palette import BODY as OUTLINE
+from nnpp_edge.viz.palette import POINT, REFUSED
+from nnpp_edge.viz.picture import Tint, tinted
 from tests.cli.grounds import BODY, ENDS, GRID, PLACE, layer, rolling, written
 
 PLAN = f"plan hills.tif {ENDS}"
@@ -73,7 +75,7 @@ def test_all_outputs_say_the_same_numbers(run, told, hills, body):
     ]
     assert len(worst) == (5 if body else 0)
     assert all(properties[name] == found[name] for name in (*Numbers._fields, *worst, "cost"))
-    meta, _, _, values = pyogrio.raw.read("out/path.gpkg")
+    meta, _, _, values = pyogrio.raw.read("out/path.gpkg", layer="path")
     fields = dict(zip(meta["fields"].tolist(), values, strict=True))
     assert (
         all(fields[name][0] == found[name] for name in numbers)
@@ -89,7 +91,7 @@ def test_all_outputs_say_the_same_numbers(run, told, hills, body):
     assert ("energy_j" in rows[0]) == bool(body)
     lines = dict(line.split(maxsplit=1) for line in run(words).out.splitlines())
     assert f"at most {found['steepest_up_deg']:.1f}° up" in lines["ground"]
-    assert ("kJ" in lines["way"], "at the vehicle's speeds" in lines["way"]) == (
+    assert (" at 9.81 m/s²" in lines["way"], "at the vehicle's speeds" in lines["way"]) == (
         bool(body),
         bool(body),
     )
@@ -180,6 +182,65 @@ def test_a_path_leads_by_way_of_places_in_the_order_given_or_in_the_best(run, to
     assert "1 (12, 30), 2 (40, 50): the order given, no cheaper one was found" in run(words).out
 
 
+def test_a_geopackage_has_the_stations_and_the_legs_with_their_numbers(told, hills):
+    features = [
+        {
+            "type": "Feature",
+            "properties": {"name": name},
+            "geometry": {"type": "Point", "coordinates": PLACE.map_coordinates(*cell)},
+        }
+        for name, cell in (("camp", (12, 30)), ("rim", (40, 50)))
+    ]
+    named = {"crs": {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::3414"}}}
+    Path("a.geojson").write_text(
+        json.dumps({"type": "FeatureCollection", "features": features} | named)
+    )
+    found = told(f"{PLAN} --via a.geojson --compare -o out --format gpkg --figure fig.svg")
+    assert found["compare"][0]["gap"] >= 0.0
+    read = {}
+    for name in ("stations", "legs"):
+        meta, _, _, values = pyogrio.raw.read("out/path.gpkg", layer=name)
+        read[name] = dict(zip(meta["fields"].tolist(), map(list, values), strict=True))
+    assert read["stations"]["name"] == ["start", "camp", "rim", "goal"]
+    assert read["stations"]["row"] == [5, 12, 40, 70]
+    assert read["legs"]["from"] == ["start", "camp", "rim"]
+    for name in ("cost", "length_m", "time_s", "climb_m"):
+        assert sum(read["legs"][name]) == pytest.approx(found[name], abs=1e-3)
+    assert ElementTree.parse("out/path.qml").find("layerGeometryType").text == "1"
+    words = " ".join(ElementTree.parse("fig.svg").getroot().itertext())
+    for word in ("camp", "rim", "goal", "x, km", "height, m", "distance along the path, m"):
+        assert word in words
+
+
+def test_a_part_around_the_ends_has_the_same_path_in_the_same_place(run, told, hills):
+    words = "plan {} --start 20,20 --goal 50,40 --method astar -o out"
+    whole = told(words.format("hills.tif"))
+    line = written("out/path.geojson")["geometry"]
+    ended = run(words.format("hills.tif"), "--crop", "30", "--json")
+    assert (
+        "cut out 61 × 51 cells: cell (row, col) of the file is now (row - 5, col - 5)" in ended.err
+    )
+    assert (ended.json["rows"], ended.json["start"]) == (61, [15, 15])
+    assert ended.json["cost"] == whole["cost"] and written("out/path.geojson")["geometry"] == line
+    arrays = told(words.format("hills.npz"), "--crop", "30")
+    assert arrays["cost"] == whole["cost"]
+    finer = told(words.format("hills.tif"), "--crop", "10", "--resample", "1")
+    assert (finer["cell_size_m"], finer["start"]) == (1.0, [10, 10])
+    everything = told(words.format("hills.tif"), "--crop", "1e6")
+    assert (everything["rows"], everything["start"]) == (80, [20, 20])
+
+
+def test_without_a_path_it_is_said_how_far_the_search_came(run, told, hills):
+    found = told("plan hills.tif --start 20,20 --goal 30,88", code=1)
+    assert found["reached_from"] == "start"
+    assert (
+        found["reached_cells"]
+        == told("reach hills.tif --start 20,20 --within-cost 1e6 --levels 1")["areas"][0]["cells"]
+    )
+    row, col = found["closest_cell"]
+    assert row == 30 and 80 <= col < 86
+
+
 def test_a_leg_that_cannot_be_is_named_and_ends_with_1(run, told, hills):
     ended = run(f"{PLAN} --via 20,20 --via 30,88")
     assert ended.code == 1 and ended.out.startswith("NO_PATH")
@@ -249,7 +310,7 @@ def test_without_a_path_a_body_is_told_by_which_limit_and_the_picture_has_its_co
     picture = cv2.imread("out/plan.png")
     for limit, seen in (("tilt", True), ("unknown", True), ("pitch", False)):
         colour, _ = REFUSED[REFUSALS.index(limit)]
-        key = (0.55 * 90 + 0.45 * np.array(colour)).astype(np.uint8)  # of the legend
+        key = tinted(Tint(None, 0.75, colour, ""))  # of the legend
         assert (picture == key).all(2).any() == seen, limit
 
 

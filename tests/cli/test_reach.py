@@ -41,7 +41,7 @@ def test_areas_are_what_the_planner_reaches(run, told, reached):
     collection = written(out / "reach.geojson")
     assert [each["properties"]["cells"] for each in collection["features"]] == counts[::-1]
     assert min(cv2.imread(str(out / "reach.png")).shape[:2]) > 800
-    text = run(words, "--hillshade").out
+    text = run(words).out
     assert "within a cost of 20" in text and "% of the map" in text
 
 

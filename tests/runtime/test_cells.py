@@ -2,10 +2,11 @@
 
 import itertools
 
+import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nnpp_edge.runtime.cells import apart, common
+from nnpp_edge.runtime.cells import apart, common, nearest
 
 rectangles = st.tuples(st.integers(-5, 5), st.integers(-5, 5), st.integers(1, 6), st.integers(1, 6))
 
@@ -24,3 +25,14 @@ def test_what_two_rectangles_share(one, other):
 @given(rectangles, st.tuples(st.integers(-9, 9), st.integers(-9, 9)))
 def test_cells_between_a_rectangle_and_a_cell(part, cell):
     assert apart(part, cell) == min(max(abs(r - cell[0]), abs(c - cell[1])) for r, c in cells(part))
+
+
+@given(st.integers(1, 400), st.integers(1, 300), st.integers(1, 4), st.integers(0, 2**16))
+def test_the_nearest_of_a_mask_is_the_nearest(rows, cols, count, seed):
+    rng = np.random.default_rng(seed)
+    mask = np.zeros((rows, cols), np.bool_)
+    mask[rng.integers(0, rows, count), rng.integers(0, cols, count)] = True
+    cell = (int(rng.integers(rows)), int(rng.integers(cols)))
+    found = nearest(mask, cell)
+    squares = ((np.argwhere(mask) - cell) ** 2).sum(1)
+    assert mask[found] and ((np.array(found) - cell) ** 2).sum() == squares.min()

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime import DynamicPlanner, Planner, Region, Source, Status, tuning
+from nnpp_edge.runtime import DynamicPlanner, Planner, Region, Source, Status, Vehicle, tuning
+from nnpp_edge.runtime.planners import methods as methods_module
 from nnpp_edge.runtime.planners.mending import MendingSearcher
 from nnpp_edge.runtime.planners.methods import Methods, pick_method
 from nnpp_edge.runtime.planners.query import Work
@@ -224,6 +225,34 @@ def test_auto_goes_by_distance_size_network_and_body(network):
     planner = Planner(free(100, 100), model=network)
     for apart, asked in ((near - 1, False), (near, True)):
         assert ("inference" in planner.plan((0, 0), (apart, 0), method="nnpp").timings_ms) == asked
+
+
+def test_auto_takes_the_corridor_where_the_network_s_regions_hold_no_path(monkeypatch):
+    monkeypatch.setattr(methods_module, "LARGE_MAP", 64)
+    monkeypatch.setattr(methods_module, "FAR", 60)
+    nothing = (0.5, None, iter(()))
+    monkeypatch.setattr(LearnedRegions, "regions", lambda *_: nothing)
+    planner = Planner(free(100, 100))
+    picked = planner.plan((3, 3), (90, 90))
+    assert (picked.method, picked.source, picked.ok) == ("corridor", "region", True)
+    assert "the network's regions hold no path" in picked.choice
+    asked = planner.plan((3, 3), (90, 90), method="nnpp")
+    assert (asked.method, asked.source) == ("nnpp", "fallback")
+
+
+@pytest.mark.parametrize("wall", [50, 8])
+def test_a_planner_tells_what_the_search_came_to_that_found_no_path(wall):
+    cost = free(60, 60)
+    cost[:, wall] = np.inf
+    planner = Planner(cost)
+    assert planner.plan((30, 2), (30, 58), method="astar").status == "NO_PATH"
+    cells, from_start = planner.came_to((30, 2))
+    assert from_start and cells[:, :wall].all() and not cells[:, wall:].any()
+    heights = np.where(np.isinf(cost), 5.0, 0.0).astype(np.float32)
+    body = Planner.of_elevation(heights, 0.5, vehicle=Vehicle(1.0, 0.8, 0.3))
+    assert body.plan((30, 3), (30, 55), method="astar").status == "NO_PATH"
+    cells, from_start = body.came_to((30, 3))
+    assert cells[30, 55] and not from_start and not cells[:, : wall + 1].any()
 
 
 def test_a_brief_search_gives_up_after_its_expansions():

@@ -44,7 +44,7 @@ def content(kind, places, crs=UTM):
 
 def write(path, places, crs=UTM, kind="MultiPoint"):
     made = content(kind, places, crs)
-    path.write_bytes(made if path.suffix == ".geojson" else geopackage_bytes("stops", made))
+    path.write_bytes(made if path.suffix == ".geojson" else geopackage_bytes({"stops": made}))
     return str(path)
 
 
@@ -75,7 +75,7 @@ def test_points_in_the_maps_system_are_taken_as_they_are_in_their_order(tmp_path
         bare = write_points(tmp_path / "b.shp", PLACES, crs=None, driver="ESRI Shapefile")
     packed = write_points(tmp_path / "a.fgb", PLACES, driver="FlatGeobuf")
     for path in (*several, single, bare, packed):
-        found, word = points_of(path, dem())
+        found, _, word = points_of(path, dem())
         assert list(map(tuple, found.tolist())) == PLACES and word == ""
 
 
@@ -92,7 +92,7 @@ def test_points_in_another_system_are_reprojected_and_it_is_said(tmp_path):
         write(tmp_path / "a.geojson", there, None),
         str(tmp_path / "a.gpx"),
     ):
-        found, word = points_of(path, dem())
+        found, _, word = points_of(path, dem())
         assert found == pytest.approx(np.array(PLACES), abs=1e-3)
         assert word == f"{path}: reprojected from WGS 84 to WGS 84 / UTM zone 15N"
 
@@ -135,7 +135,7 @@ def test_a_file_that_is_nested_too_deep_or_holds_other_shapes_is_refused(tmp_pat
     (tmp_path / "a.geojson").write_bytes(b'{"a":' * 90_000)
     with pytest.raises(VectorFileError, match="nested too deep"):
         points_of(str(tmp_path / "a.geojson"), dem())
-    (tmp_path / "a.gpkg").write_bytes(geopackage_bytes("ways", content("LineString", PLACES)))
+    (tmp_path / "a.gpkg").write_bytes(geopackage_bytes({"ways": content("LineString", PLACES)}))
     with pytest.raises(VectorFileError, match="other shapes"):
         points_of(str(tmp_path / "a.gpkg"), dem())
 
@@ -271,3 +271,27 @@ def test_areas_are_the_cells_that_are_reached_with_their_holes(place):
     low = (400_000.0, 4_999_840.0) if place else (-1.0, -1.0)
     assert (x.min(), y.min()) == low
     assert np.isnan(found.raster()[np.isinf(field)]).all()
+
+
+def test_geojson_without_a_system_is_taken_in_the_map_s_on_another_body(tmp_path):
+    moon = dem(Georeference(MOON, (2.0, 0.0, 1000.0, 0.0, -2.0, 500.0)))
+    on_it = [(1010.0, 480.0), (1020.0, 470.0)]
+    found, _, word = points_of(write(tmp_path / "a.geojson", on_it, None), moon)
+    assert found.tolist() == list(map(list, on_it))
+    assert "names no coordinate system: taken in the map's own" in word
+
+
+def test_points_have_the_names_of_their_layer(tmp_path):
+    features = [
+        {
+            "type": "Feature",
+            "properties": {"Name": name},
+            "geometry": {"type": "Point", "coordinates": place},
+        }
+        for name, place in zip(("camp", None, "rim"), PLACES, strict=True)
+    ]
+    named = {"crs": {"type": "name", "properties": {"name": UTM}}}
+    path = tmp_path / "a.geojson"
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": features} | named))
+    assert points_of(str(path), dem()).names == ["camp", "", "rim"]
+    assert points_of(write(tmp_path / "a.gpkg", PLACES), dem()).names == [""] * 3

@@ -240,6 +240,13 @@ def test_what_can_be_reached_is_shaded_and_why_there_is_no_path_is_told(tab):
         "#bands"
     )
     shaded = "document.querySelector('#reach').toDataURL()"
+    whole = tab.page.evaluate(shaded)
+    tab.page.fill("#within", "40")
+    tab.page.dispatch_event("#within", "change")
+    tab.until(f"!document.querySelector('#reach').hidden && {shaded} !== {json.dumps(whole)}")
+    tab.page.fill("#within", "")
+    tab.page.dispatch_event("#within", "change")
+    tab.until(f"!document.querySelector('#reach').hidden && {shaded} === {json.dumps(whole)}")
     before = tab.page.evaluate(shaded)
     tab.click(0.1, 0.9)
     tab.until("document.querySelector('#goal').ariaLabel === 'Goal, row 19, column 216'")
@@ -261,11 +268,8 @@ def test_the_path_is_downloaded(tab):
     saved = json.loads(download.value.path().read_text())["geometry"]["coordinates"]
     ends = ends_of(tab.line)
     assert [saved[0], saved[-1]] == [[2.0 * col, 2.0 * row] for row, col in ends]
-    tab.page.click("[data-format=gpx]")
-    tab.until(
-        "document.querySelector('#copied').textContent.includes('wanted a map with a coordinate "
-        "system')"
-    )
+    assert not tab.page.is_visible("[data-format=gpx]"), "it would be refused"
+    assert tab.page.is_visible("[data-format=gpkg]")
 
 
 def test_a_map_is_dropped_onto_the_page(tab, tmp_path):
@@ -332,6 +336,17 @@ def test_arrows_set_headings_and_a_dashed_line_is_driven_backwards(browser, tmp_
         tab.page.keyboard.press("Delete")
         tab.page.dblclick("#start-heading")
         tab.until(f"{LINE} === {json.dumps(before)}")
+        box = tab.page.locator("#chart").bounding_box()
+        tab.page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 20)
+        tab.until("document.querySelector('#outline').getAttribute('d')")
+        assert "· tilt " in tab.page.inner_text("#reading-at")
+        assert tab.page.inner_text("#scale").endswith(" m")
+        assert tab.page.locator("#axis-distance span").count() == 5
+        tab.page.set_viewport_size({"width": 390, "height": 844})
+        frame = tab.page.locator("#map").bounding_box()
+        for arrow in ("#start-heading", "#goal-heading"):
+            place = tab.page.locator(arrow).bounding_box()
+            assert place["x"] >= frame["x"] and place["y"] >= frame["y"], "whole on a phone"
         tab.page.select_option("#body", "none")
         assert not tab.page.is_visible("#start-heading") and not tab.page.is_visible("#turns")
         assert tab.wrong == [] and running.end() == (0, "")

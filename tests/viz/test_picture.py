@@ -1,25 +1,28 @@
 """Pictures: sizes, greys, and that what is drawn stands where it belongs."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 
 from nnpp_edge.runtime import Method, Plan, Planner, Source, Vehicle
+from nnpp_edge.runtime.cells import slices
 from nnpp_edge.runtime.errors import OutputError, Status
 from nnpp_edge.runtime.kernels.poses import REFUSALS
+from nnpp_edge.viz.palette import BODY, DRIVEN, GOAL, OPTIMUM, PATH, POINT, REFUSED, START
 from nnpp_edge.viz.picture import (
-    IMPASSABLE,
-    OPTIMUM,
-    PATH,
-    POINT,
+    SHUT_GROUND,
+    Chart,
+    Reached,
+    Tint,
     body_outlines,
-    cost_map_picture,
     cost_picture,
     hillshade,
     plan_picture,
     save_picture,
+    tinted,
 )
-from nnpp_edge.viz.sheet import BODY, GOAL, START
 from tests.strategies import uniform
 
 
@@ -31,11 +34,14 @@ def count(picture, colour):
     return int((picture == colour).all(axis=2).sum())
 
 
-def test_the_costlier_the_whiter_and_impassable_cells_are_brown():
+def test_the_costlier_the_darker_and_impassable_cells_are_the_darkest():
     cost = np.array([[0.0, 0.5, 0.99], [1.0, np.inf, np.nan]], np.float32)
     picture = cost_picture(cost)
-    np.testing.assert_array_equal(picture[0], [[0] * 3, [127] * 3, [252] * 3])
-    np.testing.assert_array_equal(picture[1], [IMPASSABLE] * 3)
+    lightness = picture[0].mean(axis=1)
+    assert (np.diff(lightness) < -20).all() and lightness[-1] > 40 + np.mean(SHUT_GROUND)
+    np.testing.assert_array_equal(picture[1], [SHUT_GROUND] * 3)
+    relief = cost_picture(cost, np.array([[240, 185, 60]] * 2, np.uint8))
+    assert (np.diff(relief[0].mean(axis=1)) < -20).all(), "lit more, and cheaper"
 
 
 def test_the_light_comes_from_the_north_west():
@@ -65,7 +71,7 @@ def test_unknown_ground_and_any_shape_can_be_shaded(shape, recwarn):
     ],
 )
 def test_small_maps_are_enlarged_by_whole_factors_and_large_ones_reduced(shape, drawn):
-    picture = cost_map_picture(some_cost(*shape))
+    picture = Chart(some_cost(*shape)).picture()
     height, width, _ = picture.shape
     unit = max(1.0, max(drawn) / 1000)
     assert max(drawn[1], 800) < width < max(drawn[1], 800) + 50 * unit
@@ -78,23 +84,74 @@ def test_start_goal_and_both_paths_stand_on_the_map():
     ends = ((40, 60), (350, 330))
     plan = Planner(cost).plan(*ends, method="corridor", keep_regions=True)
     detour = np.array([(40 + n, 60) for n in range(100)], np.int32)
-    picture = plan_picture(cost, plan, *ends, reference_path=detour, cell_size_m=2.0)
+    chart = Chart(cost, None, (2.0, 2.0))
+    picture = plan_picture(chart, plan, *ends, reference_path=detour)
     on_map = picture[18:818, 18:818][::2, ::2]
     assert on_map[40, 60].tolist() == list(START)
     assert on_map[350, 330].tolist() == list(GOAL)
-    assert on_map[205, 20].tolist() == list(IMPASSABLE)
+    assert on_map[205, 20].tolist() == list(SHUT_GROUND)
     assert count(on_map, PATH) > 200
     assert count(on_map, OPTIMUM) > 25
     row, col = plan.path[100]
-    blue, _, red = on_map[row - 4, col].astype(int)
-    assert blue > red + 20, "the region's tint, beside the path"
+    blue, _, red = on_map[row - 5, col].astype(int)
+    plain = plan_picture(chart, replace(plan, region=None), *ends)[18:818, 18:818][::2, ::2]
+    other_blue, _, other_red = plain[row - 5, col].astype(int)
+    assert blue - red > other_blue - other_red + 20, "the region's tint, beside the path"
+
+
+def test_a_path_on_the_optimum_hides_no_more_than_its_middle():
+    chart = Chart(some_cost(400, 400))
+    ends = ((40, 60), (350, 330))
+    plan = Planner(chart.cost).plan(*ends, method="astar")
+    picture = plan_picture(chart, plan, *ends, reference_path=plan.path)
+    assert min(count(picture, PATH), count(picture, OPTIMUM)) > 500
+
+
+def test_a_short_path_is_shown_with_the_ground_around_it_and_the_map_in_a_corner():
+    heights = uniform(1, (1000, 1000))
+    chart = Chart(np.zeros((1000, 1000), np.float32), heights, (1.0, 1.0), 0.0)
+    plan = Planner(chart.cost).plan((100, 100), (200, 180), method="astar")
+    row, col, rows, cols = part = chart.around(plan.path)
+    assert 0 < row < 100 and 0 < col < 100 and max(rows, cols) < 200
+    picture = chart.picture((100, 100), (200, 180), part=part)
+    alone = replace(chart, cost=chart.cost[slices(part)], elevation=heights[slices(part)])
+    plain = alone.picture((100 - row, 100 - col), (200 - row, 180 - col))
+    corner = (picture[: len(plain)] != plain)[:, :, 0]
+    assert 0.01 < corner.mean() < 0.1, "the overview"
+    assert not corner[: len(corner) // 2, : corner.shape[1] // 2].any(), "away from the start"
+    assert chart.around(np.array([(0, 0), (999, 900)])) == chart.whole
+    picture = plan_picture(chart, plan, (100, 100), (200, 180))
+    assert count(picture, PATH) > 1000
+
+
+def test_unknown_ground_is_striped_and_what_a_search_reached_is_tinted():
+    heights = np.zeros((200, 200), np.float32)
+    heights[:40, :40] = np.nan
+    cost = np.where(np.isnan(heights), np.inf, 0.1).astype(np.float32)
+    cost[:, 100:104] = np.inf
+    reached = np.zeros((200, 200), np.bool_)
+    reached[:, :100] = cost[:, :100] < 1.0
+    chart = Chart(cost, heights, (1.0, 1.0))
+    plan = Plan(Status.NO_PATH, Method.ASTAR)
+    ends = ((150, 10), (150, 190))
+    plain, ended = (
+        plan_picture(chart, plan, *ends, reached=each)[18:818, 18:818]
+        for each in (None, Reached(reached, "start", (150, 99)))
+    )
+    corner = plain[:160, :160]
+    assert len(np.unique(corner.reshape(-1, 3), axis=0)) == 2, "stripes on paper"
+    assert plain[400, 408].tolist() == list(SHUT_GROUND)
+    np.testing.assert_array_equal(
+        (plain != ended).any(-1)[400:560:16, ::16], reached[100:140:4, ::4]
+    )
+    assert (plain[602, 398] != ended[602, 398]).any(), "the cross where it ended"
 
 
 def test_a_plan_without_a_path_shows_its_ends():
     plan = Plan(Status.NO_PATH, Method.ASTAR)
-    picture = plan_picture(some_cost(400, 400), plan, (100, 100), (300, 200))
-    assert picture[18 + 200, 18 + 200].tolist() == list(START)
-    assert picture[18 + 600, 18 + 400].tolist() == list(GOAL)
+    picture = plan_picture(Chart(some_cost(400, 400)), plan, (20, 30), (380, 330))
+    assert picture[18 + 41, 18 + 61].tolist() == list(START)
+    assert picture[18 + 761, 18 + 661].tolist() == list(GOAL)
     assert count(picture, PATH) == 0
 
 
@@ -103,13 +160,13 @@ def test_maps_of_any_shape_are_drawn(shape):
     cost = some_cost(*shape)
     ends = ((0, 0), (shape[0] - 1, shape[1] - 1))
     plan = Planner(cost).plan(*ends, method="astar")
-    picture = plan_picture(cost, plan, *ends, shade=hillshade(cost, 1.0), cell_size_m=0.3)
+    picture = plan_picture(Chart(cost, cost, (0.3, 0.3)), plan, *ends)
     assert picture.dtype == np.uint8 and picture.shape[1] >= 800
     assert count(picture, START) > 10
 
 
 def test_a_picture_is_written_whole(tmp_path):
-    picture = cost_map_picture(some_cost(20, 30), cell_size_m=1.0)
+    picture = Chart(some_cost(20, 30), None, (1.0, 1.0)).picture()
     save_picture(tmp_path / "map.png", picture)
     np.testing.assert_array_equal(cv2.imread(str(tmp_path / "map.png")), picture)
     with pytest.raises(OutputError, match="could not be written"):
@@ -146,7 +203,7 @@ def test_a_picture_shows_where_the_vehicle_stands_in_no_heading():
     refused[2:8, 5:8] = 1 + REFUSALS.index("belly")
     pictures = []
     for given in (None, refused):
-        picture = plan_picture(cost, plan, (20, 5), (20, 34), refused=given)
+        picture = plan_picture(Chart(cost), plan, (20, 5), (20, 34), refused=given)
         pictures.append(picture[18:818, 18:818][10::20, 10::20])
     plain, shown = pictures
     np.testing.assert_array_equal((plain != shown).any(-1), refused > 0)
@@ -159,8 +216,38 @@ def test_another_path_and_outlines_are_drawn_where_they_are_given():
     plan = Plan(Status.OK, Method.ASTAR, Source.MAP, path, cost=1.0, length=29.0)
     outlines = body_outlines(path, Vehicle(4.0, 3.0, 0.3), (1.0, 1.0))
     plain, more = (
-        plan_picture(cost, plan, (20, 5), (20, 34), **given)
+        plan_picture(Chart(cost), plan, (20, 5), (20, 34), **given)
         for given in ({}, {"point_path": path[:, ::-1], "outlines": outlines})
     )
     assert count(more, POINT) > count(plain, POINT) + 100
     assert count(more, BODY) > count(plain, BODY) + 100
+
+
+# linear RGB as it is seen without one kind of cone (Machado, Oliveira and Fernandes 2009)
+WITHOUT = (
+    np.eye(3),
+    [[0.152, 1.053, -0.205], [0.115, 0.786, 0.099], [-0.004, -0.048, 1.052]],
+    [[0.367, 0.861, -0.228], [0.280, 0.673, 0.047], [-0.012, 0.043, 0.969]],
+    [[1.256, -0.077, -0.179], [-0.078, 0.931, 0.148], [0.005, 0.691, 0.304]],
+)
+TO_XYZ = [[0.434, 0.376, 0.190], [0.213, 0.715, 0.072], [0.018, 0.109, 0.873]]  # white is 1, 1, 1
+
+
+def seen(colour, matrix):
+    """Lightness and two axes of colour, CIELAB."""
+    linear = (np.array(colour[::-1]) / 255.0) ** 2.2
+    x, y, z = np.cbrt(TO_XYZ @ (np.array(matrix) @ linear).clip(0.0, 1.0))
+    return np.array([116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)])
+
+
+@pytest.mark.parametrize("matrix", WITHOUT)
+def test_lines_marks_and_areas_are_told_apart_with_any_colour_vision(matrix):
+    areas = [tinted(Tint(None, 0.75, colour, "")) for colour, _ in REFUSED]
+    ground = tuple(cost_picture(np.zeros((1, 1), np.float32))[0, 0].tolist())
+    lines = [PATH, OPTIMUM, DRIVEN, START, GOAL]
+    for colours, least in ((lines, 15.0), ([*areas, SHUT_GROUND, ground], 15.0)):
+        looks = [seen(colour, matrix) for colour in colours]
+        apart = [
+            np.linalg.norm(one - other) for at, one in enumerate(looks) for other in looks[at + 1 :]
+        ]
+        assert min(apart) > least

@@ -54,7 +54,10 @@ const map = new MapView({
   removed: (at) => change({ via: asked.via.filter((_, each) => each !== at) }),
   over,
 });
-const profile = new Profile((place) => map.cursor(place));
+const profile = new Profile((place, heading) => {
+  map.cursor(place);
+  map.outline(place, asked && controls?.bodies[asked.body].outline, heading);
+});
 const link = new Link(
   () => asked,
   hear,
@@ -94,6 +97,7 @@ function opening(site) {
   controls = new Controls(site, change);
   colourRefused(site.refused.map(({ colour }) => colour));
   byId("refused").replaceChildren(...site.refused.map(swatch));
+  document.querySelector("[data-format=gpx]").hidden = !site.gpx;
   putEnds();
   byId("methods").tBodies[0].replaceChildren(...METHODS.map(row));
   const side = Math.ceil(Math.max(map.frame.clientWidth, map.frame.clientHeight) * devicePixelRatio);
@@ -205,15 +209,37 @@ function reached({ cells, step, bands, layer: found }, question) {
   const key = (colour, at) => {
     const each = document.createElement("span");
     each.appendChild(document.createElement("i")).style.background = colour;
-    each.append(`${at ? "" : "to "}${Number(((at + 1) * step).toPrecision(6)).toLocaleString("en")}`);
+    const most = (at + 1) * step;
+    const amount = { s: duration, J: joules }[path.unit]?.(most) ?? Number(most.toPrecision(6)).toLocaleString("en");
+    each.append(`${at ? "" : "to "}${amount}`);
     return each;
   };
   const share = `${((100 * cells) / (map.rows * map.cols)).toFixed(1)} % of the map can be reached`;
-  const unit = path.unit && `, cost in ${path.unit}`;
-  byId("bands").replaceChildren(...colourBands(bands).map(key), share + (unit || ""));
+  byId("bands").replaceChildren(...colourBands(bands).map(key), share + (path.unit ? "" : ", by cost"));
+  showLimit();
   paint(byId("reach"), found);
   shadeReach();
 }
+
+// A limit of one's own, in a unit that goes with the step cost.
+const WITHIN = { s: { min: 60, h: 3600 }, J: { kJ: 1e3, MJ: 1e6, kWh: 3.6e6 } };
+const within = () => {
+  const amount = Number(byId("within").value) * (WITHIN[path.unit]?.[byId("within-unit").value] ?? 1);
+  return amount > 0 ? { within: amount } : {};
+};
+function showLimit() {
+  byId("limit").hidden = layer() !== "reach";
+  const units = Object.keys(WITHIN[path.unit] ?? { cost: 1 });
+  const select = byId("within-unit");
+  if ([...select.options].map(({ value }) => value).join() === units.join()) return;
+  select.replaceChildren(...units.map((unit) => new Option(unit)));
+}
+for (const id of ["within", "within-unit"])
+  byId(id).addEventListener("change", () => {
+    reachOf = "";
+    settle();
+    busy();
+  });
 
 function shadeReach() {
   byId("reach").hidden = layer() !== "reach" || reachOf !== reachKey(good);
@@ -296,9 +322,9 @@ function figures({ figures: found, ok, unit, on_foot: onFoot, distance_m: distan
     if (found.climb_m !== null) {
       rows.push(["climb, descent", `${metres(found.climb_m)}, ${metres(found.descent_m)}`]);
       rows.push(["steepest up, down", `${found.steepest_up_deg.toFixed(1)}°, ${found.steepest_down_deg.toFixed(1)}°`]);
-      rows.push([onFoot ? "time on foot" : "time", duration(found.time_s)]);
+      if (found.time_s !== null) rows.push([onFoot ? "time on foot" : "time", duration(found.time_s)]);
     }
-    if (found.energy_j !== null) rows.push(["energy", `${number(found.energy_j / 1000)} kJ`]);
+    if (found.energy_j !== null) rows.push(["energy", joules(found.energy_j)]);
   }
   rows.push(["planned in", `${(found.timings_ms.total ?? 0).toFixed(1)} ms`], ["cells expanded", found.expansions.toLocaleString("en")]);
   byId("figures").replaceChildren(
@@ -317,7 +343,14 @@ function duration(seconds) {
   if (seconds === null) return "unknown";
   if (seconds < 120) return `${seconds.toFixed(0)} s`;
   const minutes = Math.round(seconds / 60);
-  return minutes < 120 ? `${minutes} min` : `${Math.floor(minutes / 60).toLocaleString("en")} h ${minutes % 60} min`;
+  if (minutes < 120) return `${minutes} min`;
+  const hours = Math.floor(minutes / 60);
+  const rest = minutes % 60 ? ` ${minutes % 60} min` : "";
+  return hours < 48 ? `${hours} h${rest}` : `${Math.floor(hours / 24).toLocaleString("en")} days ${hours % 24} h`;
+}
+
+function joules(energy) {
+  return energy < 1e6 ? `${number(energy / 1e3)} kJ` : `${number(energy / 1e6)} MJ (${Number((energy / 3.6e6).toPrecision(3))} kWh)`;
 }
 
 function tell(text) {
@@ -387,7 +420,7 @@ function settle() {
     compare += 1;
     regions.clear();
     lines.clear();
-    if (layer() === "reach" && reachOf !== reachKey(asked) && !path.figures?.status.startsWith("START")) link.ask("reach", pixels);
+    if (layer() === "reach" && reachOf !== reachKey(asked) && !path.figures?.status.startsWith("START")) link.ask("reach", { ...pixels, ...within() });
     next(compare, ["astar", ...METHODS.filter((method) => method !== "astar")]);
   }, SETTLES_MS);
 }
@@ -461,6 +494,7 @@ for (const radio of document.querySelectorAll("[name=layer]"))
     byId("brown").hidden = byId("refused").hidden = radio.value !== "cost";
     for (const id of ["least", "ramp", "most"]) byId(id).hidden = radio.value === "reach";
     byId("bands").hidden = radio.value !== "reach";
+    showLimit();
     if (radio.value === "slope" && !byId("slope").dataset.asked) {
       byId("slope").dataset.asked = "yes";
       link.ask("slope", pixels);

@@ -1,6 +1,6 @@
 // Colours of the layers: a byte a pixel comes in, a canvas is painted.
 
-const BROWN = [96, 44, 34];
+const BROWN = [51, 35, 29];
 const REACH = [[13, 8, 135], [126, 3, 168], [204, 71, 120], [248, 149, 64], [240, 249, 33]];
 const FIRST_REFUSED = 249; // pixels of the cost from here on: the limit that refuses the vehicle
 
@@ -12,10 +12,10 @@ function table(colour) {
 }
 
 const TABLES = {
-  relief: table((value) => (value === 0 ? [...BROWN, 255] : [value, value, value, 255])),
-  slope: table((value) => [190, 45, 60, 0.9 * value]),
-  cost: table((value) => (value === 255 ? [...BROWN, 230] : [95, 40, 140, 0.9 * value])),
-  region: table((value) => [0, 230, 255, 0.36 * value]),
+  relief: table((value) => (value === 0 ? [250, 250, 250, 255] : [105 + 0.6 * value, 105 + 0.6 * value, 105 + 0.6 * value, 255])),
+  slope: table((value) => [0, 114, 178, 0.9 * value]),
+  cost: table((value) => (value === 255 ? [...BROWN, 230] : [156, 107, 30, 0.9 * value])),
+  region: table((value) => [0, 114, 178, 0.45 * value]),
 };
 
 // The colours of ground where the vehicle stands in no heading, by the limit that refuses it.
@@ -45,5 +45,11 @@ export function paint(canvas, { rows, cols, pixels }) {
   const image = context.createImageData(cols, rows);
   const out = new Uint32Array(image.data.buffer);
   for (let at = 0; at < out.length; at++) out[at] = colours[pixels[at]];
+  if (canvas.id === "relief") {
+    // what is unknown is striped
+    const [grey] = new Uint32Array(new Uint8ClampedArray([140, 140, 140, 255]).buffer);
+    for (let at = 0; at < out.length; at++)
+      if (pixels[at] === 0 && ((at % cols) + Math.floor(at / cols)) % 9 < 2) out[at] = grey;
+  }
   context.putImageData(image, 0, 0);
 }

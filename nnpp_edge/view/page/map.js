@@ -1,6 +1,7 @@
 // The map on the screen: where it lies, its lines and ends, and what the pointer does on it.
 
 const MOST_ZOOM = 40;
+const RIM = 44; // pixels of a heading's arrow beyond an end
 const byId = (id) => document.getElementById(id);
 const SVG = "http://www.w3.org/2000/svg";
 
@@ -23,7 +24,7 @@ export class MapView {
   }
 
   open(rows, cols, [height, width]) {
-    Object.assign(this, { rows, cols, aspect: (cols * width) / (rows * height) });
+    Object.assign(this, { rows, cols, sides: [height, width], aspect: (cols * width) / (rows * height) });
     byId("drawing").setAttribute("viewBox", `-0.5 -0.5 ${cols} ${rows}`);
     this.place();
   }
@@ -31,7 +32,9 @@ export class MapView {
   place() {
     if (!this.rows) return;
     const { clientWidth: wide, clientHeight: high } = this.frame;
-    const width = Math.min(wide, high * this.aspect) * this.zoom;
+    // the arrows of headings reach beyond the map's edge
+    const rim = this.zoom === 1 && Object.values(this.arrows).some((arrow) => !arrow.hidden) ? 2 * RIM : 0;
+    const width = Math.min(wide - rim, (high - rim) * this.aspect) * this.zoom;
     const height = width / this.aspect;
     const keep = (length, frame, share) => {
       const first = frame / 2 - share * length;
@@ -41,6 +44,37 @@ export class MapView {
     this.middle = [(wide / 2 - this.box.left) / width, (high / 2 - this.box.top) / height];
     for (const [name, value] of Object.entries(this.box)) this.sheet.style[name] = `${value}px`;
     this.frame.classList.toggle("zoomed", this.zoom > 1);
+    this.#scale();
+  }
+
+  // A bar of a round length, at most a fifth of the frame.
+  #scale() {
+    const metre = this.box.width / (this.cols * this.sides[1]);
+    const most = this.frame.clientWidth / 5 / metre;
+    const decade = 10 ** Math.floor(Math.log10(most));
+    const length = Math.max(...[1, 2, 5].map((times) => times * decade).filter((each) => each <= most));
+    byId("scale").hidden = false;
+    byId("scale").firstElementChild.style.width = `${length * metre}px`;
+    byId("scale").lastElementChild.textContent = length < 1000 ? `${length} m` : `${length / 1000} km`;
+  }
+
+  // A body, metres long and wide or of a radius, at a place in a heading; none hides it.
+  outline(place = null, body = null, degrees = 0) {
+    let d = "";
+    if (place && body) {
+      const turn = (degrees * Math.PI) / 180;
+      const shape = body.radius_m
+        ? Array.from({ length: 24 }, (_, at) => [body.radius_m * Math.cos(at / 3.82), body.radius_m * Math.sin(at / 3.82)])
+        : [[1, 0], [1, -1], [-1, -1], [-1, 1], [1, 1], [1, 0], [0, 0], [1, 0]].map(([ahead, left]) => [(ahead * body.length_m) / 2, (left * body.width_m) / 2]);
+      d = shape
+        .map(([ahead, left], at) => {
+          const down = -ahead * Math.cos(turn) - left * Math.sin(turn);
+          const right = ahead * Math.sin(turn) - left * Math.cos(turn);
+          return `${at ? "L" : "M"}${place[1] + right / this.sides[1]} ${place[0] + down / this.sides[0]}`;
+        })
+        .join("");
+    }
+    byId("outline").setAttribute("d", `${d}${d && "Z"}`);
   }
 
   zoomBy(factor, event = null) {
@@ -107,7 +141,10 @@ export class MapView {
   // Degrees clockwise from up the rows; null for any.
   putHeading(end, heading, shown = true) {
     const arrow = this.arrows[end];
-    arrow.hidden = !shown;
+    if (arrow.hidden === shown) {
+      arrow.hidden = !shown;
+      this.place();
+    }
     arrow.classList.toggle("any", heading === null);
     arrow.style.setProperty("--turn", `${heading ?? 0}deg`);
     arrow.setAttribute("aria-label", `${end === "start" ? "Start" : "Goal"} heading, ${heading === null ? "any" : `${heading}°`}`);

@@ -7,7 +7,7 @@ const COST_HIGH = 36;
 
 export class Profile {
   constructor(pointAt) {
-    this.pointAt = pointAt; // (row, col) or null
+    this.pointAt = pointAt; // (row, col) or null, and a heading
     this.at = null;
     const chart = byId("chart");
     chart.addEventListener("pointermove", (event) => this.#point(event));
@@ -30,6 +30,8 @@ export class Profile {
     this.path = path.distance_m?.length > 1 ? path : null;
     for (const id of ["height-area", "height-line", "cost-area"]) byId(id).setAttribute("d", "");
     byId("reading-range").textContent = "";
+    for (const tick of byId("axis-heights").children) tick.textContent = "";
+    byId("axis-distance").replaceChildren();
     this.#mark(null);
     if (!this.path) return;
     const { distance_m: distance, height_m: heights, cost } = path;
@@ -43,8 +45,14 @@ export class Profile {
       const line = heights.map((height, at) => `${at ? "L" : "M"}${x[at]} ${(HIGH - COST_HIGH - 6 - (height - low) * scale).toFixed(1)}`).join("");
       byId("height-line").setAttribute("d", line);
       byId("height-area").setAttribute("d", `${line}L${WIDE} ${HIGH - COST_HIGH}L0 ${HIGH - COST_HIGH}Z`);
-      byId("reading-range").textContent = `height ${metres(low)} to ${metres(high)} · cost 0 to 1 below`;
+      const [top, bottom] = byId("axis-heights").children;
+      top.textContent = metres(Math.max(high, low + 0.5));
+      bottom.textContent = metres(low);
+      byId("reading-range").textContent = "height above, cost 0 to 1 below";
     }
+    byId("axis-distance").replaceChildren(
+      ...[0, 0.25, 0.5, 0.75, 1].map((share) => Object.assign(document.createElement("span"), { textContent: metres(share * length) })),
+    );
     const area = cost.map((each, at) => `L${x[at]} ${(HIGH - COST_HIGH * each).toFixed(1)}`).join("");
     byId("cost-area").setAttribute("d", `M0 ${HIGH}${area}L${WIDE} ${HIGH}Z`);
     byId("chart").setAttribute("aria-valuemax", distance.length - 1);
@@ -78,11 +86,13 @@ export class Profile {
     const x = (WIDE * distance[at]) / (distance.at(-1) || 1);
     line.setAttribute("x1", x);
     line.setAttribute("x2", x);
-    const text = `${metres(distance[at])} · height ${heights[at] === null ? "unknown" : metres(heights[at])} · cost ${cost[at].toFixed(2)}`;
+    const { tilt_deg: tilts, clearance_m: clearances, heading_deg: headings } = this.path;
+    const stands = tilts ? ` · tilt ${tilts[at].toFixed(1)}°${clearances?.[at] == null ? "" : ` · clear by ${clearances[at].toFixed(2)} m`}` : "";
+    const text = `${metres(distance[at])} · height ${heights[at] === null ? "unknown" : metres(heights[at])} · cost ${cost[at].toFixed(2)}${stands}`;
     byId("reading-at").textContent = text;
     byId("chart").setAttribute("aria-valuenow", at);
     byId("chart").setAttribute("aria-valuetext", text);
-    this.pointAt([rows[at], cols[at]]);
+    this.pointAt([rows[at], cols[at]], headings?.[at]);
   }
 }
 

@@ -173,17 +173,20 @@ class BodyRobot(Robot):
     def why_blocked(self, cell: Cell) -> str:
         return why_blocked(self.poses, cell)
 
-    def why_ended(self, grid: "Grid", start: Cell, goal: Cell, memory: Workspace) -> str:
+    def came_to(self, grid: "Grid", start: Cell, memory: Workspace) -> tuple[Bool, bool]:
         field = memory.field
-        if field is None:
-            return ""
+        assert field is not None
         node = grid.node(*start)
         by_legs = bool(field.costs(slice(node, node + 1))[0] == math.inf)  # else by the turns
-        if by_legs:
-            memory = field
-        end = start if by_legs else goal
-        reached = grid.inner(memory.costs()) < math.inf
-        return why_ended(self.poses, reached, end, by_legs=by_legs)
+        costs = (field if by_legs else memory).costs()
+        return np.isfinite(grid.inner(costs)), not by_legs
+
+    def why_ended(self, grid: "Grid", start: Cell, goal: Cell, memory: Workspace) -> str:
+        if memory.field is None:
+            return ""
+        reached, from_start = self.came_to(grid, start, memory)
+        end = goal if from_start else start
+        return why_ended(self.poses, reached, end, by_legs=not from_start)
 
     def explain(self, cell: Cell, heading_deg: float) -> PoseCheck:
         return explain(self.poses, cell, heading_deg)

@@ -410,7 +410,8 @@ class Mobility:
     model.
     """
 
-    tobler: ToblerCost = ToblerCost()
+    tobler: ToblerCost | None = ToblerCost()
+    """None where nobody walks."""
     linear: LinearCost = LinearCost()
     time: TimeCost | None = None
     energy: EnergyCost | None = None
