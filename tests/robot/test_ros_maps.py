@@ -143,7 +143,7 @@ def test_messages_are_read_as_other_libraries_decode_them():
         decoded("grid_map_msgs/GridMap", heights_message(heights, (4, 5), 0.5, 0))
     )
     grid = OccupancyGrid.of_message(
-        decoded("nav_msgs/OccupancyGrid", grid_message(cost, (4, 5), 0.5, 0))
+        decoded("nav_msgs/OccupancyGrid", grid_message(cost, MapFrame(0.5, 2.5, 2.0), 0))
     )
     frame = MapFrame(0.5, frame_id="map")
     for patch, wanted in (
