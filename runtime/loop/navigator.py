@@ -131,6 +131,15 @@ class Navigator:
         else:
             self._goal = message
 
+    def forget(self, *, pose: bool = True, goal: bool = True) -> None:
+        """Forget where the robot is, and where it is to go, as before the first came; for the
+        thread that calls `tick`, or while there is none.
+        """
+        if pose:
+            self._pose = None
+        if goal:
+            self._goal = None
+
     def count_error(self, place: str) -> None:
         """Count an error that was caught; from any thread."""
         with self._inbox:

@@ -11,7 +11,7 @@ from nnpp_edge.robot.ros2.frames import Frames, Place
 from nnpp_edge.robot.ros2.parameters import Parameters
 from nnpp_edge.robot.transports.incoming import Refusals
 from nnpp_edge.ros.maps import GridMap, MapFrame, OccupancyGrid, grid_map_patch, occupancy_patch
-from nnpp_edge.runtime.cells import common
+from nnpp_edge.runtime.cells import common, slices
 from nnpp_edge.runtime.errors import InvalidMapError, NnppEdgeError
 from nnpp_edge.runtime.loop.connections import Mailbox
 from nnpp_edge.runtime.loop.messages import Goal, Input, InvalidMessageError, MapPatch, Pose
@@ -19,7 +19,6 @@ from nnpp_edge.runtime.loop.workers import CountError
 
 if TYPE_CHECKING:
     from rclpy.node import Node
-    from rclpy.qos import QoSProfile
     from rclpy.subscription import Subscription
 
     from nnpp_edge.runtime.loop.navigator import Navigator
@@ -93,7 +92,8 @@ class RosSource:
         self.goal = place
         row, col = self.frame.cell(place.x, place.y)
         heading = self.frame.heading_deg(place.yaw_rad)
-        arcs = self._navigator is not None and self._navigator.drives_arcs
+        vehicle = None if self._navigator is None else self._navigator.map.vehicle
+        arcs = vehicle is not None and vehicle.turning_radius_m
         goal = Goal(row, col, heading_deg=heading if arcs else None)
         self._mailbox.put(goal, when_full="drop oldest")
 
@@ -234,12 +234,9 @@ class RosSource:
         part = common(square, (0, 0, *state.shape))
         if part is None or not state.has_heights:
             return
-        first_row, first_col, rows, cols = part
-        unknown = state.unknown(
-            slice(first_row, first_row + rows), slice(first_col, first_col + cols)
-        )
+        unknown = state.unknown(*slices(part))
         heights = np.where(unknown, np.float32(place.z), np.float32(np.nan))
-        self._put(MapPatch(first_row, first_col, elevation=heights, keep_known=True))
+        self._put(MapPatch(part[0], part[1], elevation=heights, keep_known=True))
 
     def _too_old(self) -> str:
         """In words, which input is older than its parameter allows."""

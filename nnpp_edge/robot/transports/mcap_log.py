@@ -114,7 +114,9 @@ class McapLog:
                 if of_heights:
                     data = heights_message(message.values, (message.row, message.col), *as_ros)
                 else:
-                    data = grid_message(message.values, self._frame(message.row, message.col), stamp)
+                    data = grid_message(
+                        message.values, self._frame(message.row, message.col), stamp
+                    )
                 self._write("/elevation_patch" if of_heights else "/map_patch", stamp, data)
                 self._heights_came |= of_heights
             self._tidy()

@@ -57,7 +57,6 @@ class Arc:
         y -= ahead * math.cos(first) + left * math.sin(first)
         return x, y, (heading - math.degrees(turned)) % 360.0
 
-
     @property
     def poses(self) -> list[PoseOf]:
         """Those after the first, no farther apart than `POSES_EVERY_M`, turned by at most 15°."""
