@@ -1,8 +1,8 @@
 """A few ROS 2 messages as their definitions and as CDR bytes, without ROS.
 
 In logs cells become metres as x = (column + ½) · cell size and y = (row + ½) · cell size in the
-frame ``map``; z = 0. Arrays are written by NumPy, so that encoding a map or a long path does not hold up
-the planning thread: a path of 400 poses takes 0.07 ms, and 6 to 7 ms with rosbags or
+frame ``map``; z = 0. Arrays are written by NumPy, so that encoding a map or a long path does not
+hold up the planning thread: a path of 400 poses takes 0.07 ms, and 6 to 7 ms with rosbags or
 mcap-ros2-support, which write each pose by itself.
 """
 

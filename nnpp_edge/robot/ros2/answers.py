@@ -204,9 +204,7 @@ class RosSink:
         elif worse:
             text = f"{text}; new: {', '.join(worse)}"
         values = {"outcome": str(message.outcome)}
-        refused = self._source.refusals.newest
-        if refused:
-            values["refused"] = refused
+        values |= {f"refused {topic}": why for topic, why in list(self._source.refused.items())}
         for name, value in vars(counters).items():
             for kind, number in value.items() if isinstance(value, dict) else [("", value)]:
                 key = f"{name} {kind}".rstrip()

@@ -44,6 +44,8 @@ class RosSource:
         self._on_grid = on_grid
         self._count_error = count_error
         self.refusals = Refusals(count_error)
+        self.refused: dict[str, str] = {}
+        """Why the newest message was refused, by topic; of those whose newest one was."""
         self.frames = Frames(node, parameters().global_frame)
         self._mailbox = Mailbox()
         self._navigator: Navigator | None = None
@@ -115,7 +117,7 @@ class RosSource:
             ("goal_pose", "geometry_msgs.msg:PoseStamped", QoSProfile(depth=1)),
             ("map", "nav_msgs.msg:OccupancyGrid", latched),
             ("map_updates", "map_msgs.msg:OccupancyGridUpdate", every),
-            ("elevation_map", "grid_map_msgs.msg:GridMap", QoSProfile(depth=2)),
+            ("elevation_map", "grid_map_msgs.msg:GridMap", every),
         ]
         for topic, kind, qos in topics:
             module, _, name = kind.partition(":")
@@ -138,7 +140,10 @@ class RosSource:
             getattr(self, f"_on_{topic}")(message)
         except NnppEdgeError as error:
             self._newest.pop(topic, None)
+            self.refused[topic] = str(error)
             self.refusals.add(InvalidMessageError(f"{topic}: {error}"))
+        else:
+            self.refused.pop(topic, None)
 
     def _on_odom(self, message: Any) -> None:
         base = self._parameters().robot_base_frame

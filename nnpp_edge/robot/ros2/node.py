@@ -17,7 +17,7 @@ from rclpy.signals import SignalHandlerOptions
 from nnpp_edge.robot.ros2.answers import Outlets, RosSink
 from nnpp_edge.robot.ros2.grounds import Located, first_ground, ground_of_grid, vehicle_by
 from nnpp_edge.robot.ros2.inputs import RosSource
-from nnpp_edge.robot.ros2.parameters import Parameters, declare, values_of
+from nnpp_edge.robot.ros2.parameters import Parameters, declare, followed, values_of
 from nnpp_edge.robot.ros2.questions import Copies, Questions
 from nnpp_edge.ros.maps import MapFrame, OccupancyGrid
 from nnpp_edge.runtime.errors import NnppEdgeError
@@ -48,6 +48,7 @@ class PlannerNode(LifecycleNode):
         super().__init__(name, **options)
         declare(self)
         self._own = Parameters()
+        self.add_post_set_parameters_callback(self._follow)
         self._outlets: Outlets | None = None
         self._source: RosSource | None = None
         self._questions: Questions | None = None
@@ -183,6 +184,10 @@ class PlannerNode(LifecycleNode):
         self._take(located)
         self._begin()
 
+    def _follow(self, changes: list[Any]) -> None:
+        """Go by what may be changed while the loop runs."""
+        self._own = followed(self._own, self)
+
     def _count_error(self, place: str) -> None:
         if self._navigator is None:
             self._uncounted += 1
@@ -220,7 +225,9 @@ def run(arguments: Sequence[str]) -> int:
     failed = False
     try:
         if node.get_parameter("autostart_node").value:
-            failed = not _done(node.trigger_configure()) or not _done(node.trigger_activate())
+            failed = any(
+                change() != _DONE for change in (node.trigger_configure, node.trigger_activate)
+            )
         while not (failed or stopping.is_set()):
             executor.spin_once(timeout_sec=0.1)
             time.sleep(_PAUSE_S)
@@ -234,7 +241,3 @@ def run(arguments: Sequence[str]) -> int:
         log.removeHandler(handler)
         rclpy.try_shutdown()
     return 2 if failed else 0
-
-
-def _done(code: TransitionCallbackReturn) -> bool:
-    return code == _DONE

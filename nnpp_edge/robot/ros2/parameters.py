@@ -7,7 +7,7 @@ from msgspec import Meta
 from msgspec.structs import asdict, fields
 
 from nnpp_edge.profiling.profile_file import OnboardLoop, Table
-from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.errors import InvalidQueryError, shown
 
 if TYPE_CHECKING:
     from rclpy.node import Node
@@ -111,7 +111,10 @@ class Parameters(Table, frozen=True, kw_only=True):
         except (msgspec.ValidationError, ValueError) as error:
             problem, _, place = str(error).partition(" - at `$.")
             key = place.rstrip("`")
-            raise ParameterError(f"{key}: {problem}" if key else problem) from None
+            if key:
+                wanted = problem.replace("Expected", "wanted").split(", got ")[0]
+                problem = f"{key}: {wanted}, got {shown(values.get(key))}"
+            raise ParameterError(problem) from None
         return read
 
     def __post_init__(self) -> None:
@@ -144,10 +147,9 @@ def declare(node: "Node") -> None:
         node.declare_parameter(field.name, field.default, descriptor)
 
     def check(changes: "list[Parameter[Any]]") -> SetParametersResult:
-        given = {each.name: each.value for each in changes if node.has_parameter(each.name)}
-        own = {name: value for name, value in given.items() if name in _names()}
-        try:
-            Parameters.of(values_of(node) | own)
+        names = _names()
+        try:  # what goes together is checked when the node is configured
+            Parameters.of({each.name: each.value for each in changes if each.name in names})
         except ParameterError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
@@ -158,6 +160,12 @@ def declare(node: "Node") -> None:
 def values_of(node: "Node") -> dict[str, Any]:
     """The node's values now, unchecked."""
     return {name: node.get_parameter(name).value for name in _names()}
+
+
+def followed(own: Parameters, node: "Node") -> Parameters:
+    """What a node was configured with, but what may be changed while it runs as it is now."""
+    values = values_of(node)
+    return Parameters.of(asdict(own) | {name: values[name] for name in _LIVE})
 
 
 def _names() -> list[str]:

@@ -249,7 +249,7 @@ class Questions:
             return _Given(_NOTHING, "UNKNOWN", "there is no map yet, or the loop is busy")
         vehicle = planner.state.vehicle
         arcs = vehicle is not None and vehicle.turning_radius_m
-        legs = []
+        legs: list[Floats] = []
         for start, goal in zip(stops[:-1], stops[1:], strict=True):
             cells = [frame.cell(place.x, place.y) for place in (start, goal)]
             headings = [frame.heading_deg(place.yaw_rad) for place in (start, goal)]

@@ -30,15 +30,12 @@ class Refusals:
         self._lock = threading.Lock()
         self._faults: deque[Fault] = deque(maxlen=_MOST_FAULTS)
         self.count = 0
-        self.newest = ""
-        """Why the last one was refused; empty while none was."""
 
     def add(self, error: Exception) -> None:
         """Count a refused input, and let it wait for an answer."""
         with self._lock:
             self.count += 1
-            self.newest = str(error)
-            fault = Fault(self.newest, self.count)
+            fault = Fault(str(error), self.count)
             self._faults.append(fault)
         self._count_error("input")
         if fault.count <= _LOGGED:
