@@ -350,7 +350,7 @@ def shown(model: NetworkModel, queries: Queries, number: int) -> Callable[[], Fl
         return lambda: model.answers()[:, :rows, :cols]
     planes, start, goal = queries.query(number)
     model.set_map(planes)
-    return partial(model.answer, start, goal)
+    return partial(model.answer, start, goal, anew=True)
 
 
 def answers(model: NetworkModel, queries: Queries) -> Floats:

@@ -1,9 +1,9 @@
 """Whether arguments are of the kinds that a signature names: what is not is refused before anything
 looks at it.
 
-A public function, method or dataclass is `checked` against its own annotations, in a microsecond or
-two a call: numbers, text, truth values, paths, instances of classes, sequences of these. Arrays and
-cells have their own checks.
+A public function, method, dataclass or record of options is `checked` against its own annotations,
+in a microsecond or two a call: numbers, text, truth values, paths, instances of classes, sequences
+of these. Arrays and cells have their own checks.
 """
 
 import builtins
@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable, Sequence
 from itertools import chain
 from numbers import Integral, Real
 from pathlib import Path
-from typing import TypeVar, Union, cast, get_args, get_origin, get_type_hints
+from typing import TypeVar, Union, cast, get_args, get_origin, get_type_hints, is_typeddict
 
 import numpy as np
 
@@ -34,7 +34,7 @@ def checked(error: type[NnppEdgeError]) -> Callable[[F], F]:
     """
 
     def of(entry: F) -> F:
-        if isinstance(entry, type) and not issubclass(entry, tuple):
+        if isinstance(entry, type) and not issubclass(entry, dict):
             entry.__init__ = _guarded(entry.__init__, error)  # type: ignore[method-assign, assignment]  # a dataclass has made it
             return entry
         return cast(F, _guarded(entry, error))
@@ -60,7 +60,7 @@ def _guarded(entry: Callable[..., object], error: type[NnppEdgeError]) -> Callab
         space = getattr(entry, "__globals__", None) or vars(sys.modules[entry.__module__])
         named = get_type_hints(types.SimpleNamespace(__annotations__=given), space, _Names(space))
         found = {}
-        for name in inspect.signature(entry).parameters:
+        for name in named if is_typeddict(entry) else inspect.signature(entry).parameters:
             hint = named.get(name)
             exact = get_args(hint) if get_origin(hint) in _UNIONS else (hint,)
             found[name] = (hint, {*exact} - {int})
@@ -70,6 +70,8 @@ def _guarded(entry: Callable[..., object], error: type[NnppEdgeError]) -> Callab
     def call(*args: object, **given: object) -> object:
         known = kinds()
         for name, value in chain(zip(known, args, strict=False), given.items()):
+            if name not in known and is_typeddict(entry):
+                raise TypeError(f"no option is named {name}: wanted one of {', '.join(known)}")
             hint, exact = known.get(name, (None, ()))
             if hint is not None and type(value) not in exact and not _fits(value, hint):
                 raise error(f"{name} must be {_words(hint)}, got {shown(value)}")

@@ -94,7 +94,7 @@ def headings_along(path: NDArray[np.int32] | NDArray[np.float64]) -> NDArray[np.
     """(N,) degrees in which each cell or way point of a path (N, 2) is left; the last as it is
     arrived at.
 
-    Clockwise from up the rows, in [0, 360), as if cells were square; empty for less than two cells.
+    Clockwise from grid north, in [0, 360), as if cells were square; empty for less than two cells.
     """
     if len(path) < 2:
         return np.empty(0)

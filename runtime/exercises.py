@@ -10,7 +10,7 @@ import numpy as np
 
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.kernels.threshold import lowered
-from nnpp_edge.runtime.map.ground import GroundOptions
+from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseLevel
 from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
@@ -65,15 +65,13 @@ def _exercise_elevations(
     goal = (140, 18)
     limits = Traversability(hard_slope_deg=25.0) if vehicle is None else None
     refine = "any-angle" if step_cost == "paper" and vehicle is None else None
-    own: GroundOptions = {"vehicle": vehicle, "step_cost": step_cost}
+    ground = Ground.of_elevation(dem, 1.0, limits, vehicle=vehicle, step_cost=step_cost)
     for lazy in (True, False):
-        planner = Planner.of_elevation(
-            dem, 1.0, limits, **own, model=network, ask_from=0, warn=False, lazy=lazy
-        )
+        planner = Planner(ground, model=network, ask_from=0, lazy=lazy)
         for method in ("astar", "corridor", "nnpp"):
             planner.plan(start, goal, method=method, refine=refine)
     planner.reach(start)
-    moving = DynamicPlanner.of_elevation(dem, 1.0, goal, limits, "dstar", **own, model=network)
+    moving = DynamicPlanner(ground, goal, "dstar", model=network)
     moving.move(start)
     for method in ("dstar", "corridor-dstar"):
         moving.replan(method=method)

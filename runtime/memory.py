@@ -58,7 +58,7 @@ def virtual_zeros(count: int, dtype: type[Number]) -> NDArray[Number]:
     try:
         memory = mmap.mmap(-1, size, mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS | _MAP_NORESERVE)
     except OSError as error:
-        raise MemoryError(f"{size / 1e9:.1f} GB of address space are not to be had") from error
+        raise MemoryError(f"{size / 1e9:.1f} GB of address space are not available") from error
     with suppress(AttributeError, OSError):  # a system without huge pages
         memory.madvise(mmap.MADV_NOHUGEPAGE)
     return np.frombuffer(memory, dtype, count)

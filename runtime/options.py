@@ -6,9 +6,17 @@ its parameters of the types, so that each is explained here alone; what is not g
 default. Nothing heavy is imported, so that `--help` is instant.
 """
 
-from typing import Annotated, TypedDict
+import math
+from typing import TYPE_CHECKING, Annotated, NamedTuple, TypedDict
 
 from msgspec import Meta
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from nnpp_edge.runtime.network.inference import NetworkModel
+    from nnpp_edge.runtime.robots.slope.cost import Mobility
+    from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
 METHODS = {
     "auto": "picks one by measured figures, and says why",
@@ -33,6 +41,30 @@ STEP_COSTS = {
 }
 """What a step costs on a map of heights; those by the slope are `robots.slope.cost.SLOPE_COSTS`."""
 
+
+class Term(NamedTuple):
+    """A term of Eq. 1, and the attributes of `Traversability` that limit and weigh it."""
+
+    words: str
+    unit: str
+    """Of the limits; of degrees kernels take radians."""
+    limit: str
+    weight: str
+    hard: str
+
+    def told(self, value: float) -> float:
+        """A value of the kernels in the unit of the limits."""
+        return math.degrees(value) if self.unit == "°" else value
+
+
+TERMS = (
+    Term("slope", "°", "slope_limit_deg", "slope_weight", "hard_slope_deg"),
+    Term("roughness", " m", "roughness_limit_m", "roughness_weight", "hard_roughness_m"),
+    Term("elevation difference", " m", "step_limit_m", "step_weight", "hard_step_m"),
+)
+"""The terms of Eq. 1, in the order of `kernels.records.Terms`."""
+
+
 Omega = Annotated[
     float,
     Meta(
@@ -49,10 +81,36 @@ Heading = Annotated[float, Meta(ge=0.0, le=360.0)]
 
 
 class StepOptions(TypedDict, total=False):
-    """What a step over the map costs, and which steps are allowed."""
+    """Of the options of a planner those that commands have: what a step over the map costs, and
+    which steps are allowed.
+    """
 
     omega: Omega
     corner_cutting: CornerCutting
+
+
+class PlannerOptions(StepOptions, total=False):
+    """What a planner is made with beside its map: the options of `Planner` and `DynamicPlanner`,
+    and of their `of_elevation`. Attributes of `Ground` are the ground's.
+    """
+
+    cell_width_m: float | None
+    vehicle: "Vehicle | None"
+    step_cost: str
+    mobility: "Mobility | None"
+    lazy: bool
+    """Whether costs of heights are computed, and poses checked, only where searched, as by
+    default. Else all are now; plans are the same. Costs of steps by the slope always are."""
+    warn: bool
+    """Whether to warn of heights whose slopes all lie beyond the limits; by default `of_elevation`
+    does.
+    """
+    model: "str | Path | NetworkModel"
+    """The network for ``nnpp``: a shipped model's name (by default ``edge``), a file, or one
+    already loaded, which planners may share. It is loaded when first needed."""
+    ask_from: int
+    """Cells between start and goal from which on ``nnpp`` runs the network. Nearer goals A* has
+    mostly found before it has answered, and is tried first."""
 
 
 class PlanOptions(TypedDict, total=False):
@@ -105,7 +163,7 @@ class PlanOptions(TypedDict, total=False):
         Annotated[
             Heading,
             Meta(
-                description="Heading of a body at the start, degrees clockwise from up the rows; "
+                description="Heading of a body at the start, degrees clockwise from grid north; "
                 "any by default.",
             ),
         ]

@@ -121,8 +121,8 @@ TABLES: dict[str, tuple[str, tuple[Lines, ...]]] = {
                 "elevations just arrived, {astar[size]}² | {astar[n]} | "
                 "{astar-faster[fresh_ms_median]:ms} | "
                 "{corridor-faster[fresh_ms_median]:ms}, {corridor[gap_mean]:pc} % | "
-                "{nnpp-faster[fresh_ms_median]:ms}, {nnpp[gap_mean]:pc} %; the corridor with "
-                "equally narrow bands {corridor-narrow-faster[fresh_ms_median]:ms}, "
+                "{nnpp-faster[fresh_ms_median]:ms}, {nnpp[gap_mean]:pc} %; as narrow without "
+                "learning {corridor-narrow-faster[fresh_ms_median]:ms}, "
                 "{corridor-narrow[gap_mean]:pc} %",
                 lambda each: each["astar"]["size"] >= 1024,
             ),

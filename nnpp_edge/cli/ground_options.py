@@ -21,6 +21,7 @@ from nnpp_edge.cli.options import (
     SettingType,
     StepCost,
 )
+from nnpp_edge.runtime.options import TERMS
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.map.ground import Ground
@@ -44,13 +45,16 @@ _MOST_UNEQUAL_GRAVITY = 0.01
 """Share by which the map's gravity may differ from the file's before a warning says so."""
 
 
+def _named(kind: str) -> str:
+    return ", ".join(getattr(term, kind) for term in TERMS)
+
+
 Limit = Annotated[
     tuple[Setting, ...],
     SettingType("nnpp_edge.runtime.terrain.traversability:Traversability", "hard_slope_deg=20"),
     MANY,
-    "Set a limit of the cost: slope_limit_deg=30, roughness_limit_m=0.6, step_limit_m=0.2. Cells "
-    "beyond hard_slope_deg, hard_roughness_m, hard_step_m or, from cell to cell, hard_gradient_deg "
-    "are impassable. May be repeated.",
+    f"Set a limit of the cost ({_named('limit')}), such as slope_limit_deg=20. Cells beyond "
+    f"{_named('hard')} or, from cell to cell, hard_gradient_deg are impassable. May be repeated.",
 ]
 
 

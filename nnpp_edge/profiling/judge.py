@@ -236,6 +236,8 @@ def _verdict(
     # beyond doubt: the better half would miss the limit even with the share of the time back that
     # was lost
     if state == PASS:
+        if not noise.words and got >= wanted * (1.0 + apart) ** 2:
+            return PASS, f"{words}, and it would be kept if they differed by as much again"
         if got >= _TEN_TIMES * wanted:
             return PASS, f"kept {_TEN_TIMES:g} times over, under load: {words}"
     elif got <= 0.0 or (1.0 - lost) * wanted / (got * (1.0 + apart)) > _BEYOND_DOUBT:

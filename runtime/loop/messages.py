@@ -99,7 +99,7 @@ class Pose:
     col: float
     stamp: float = 0.0
     heading_deg: float | None = None
-    """In which a body stands, clockwise from up the rows; None: a path begins in any direction."""
+    """In which a body stands, clockwise from grid north; None: a path begins in any direction."""
 
     def __post_init__(self) -> None:
         _check_numbers(self, [], ["row", "col", "stamp", *_given(self)])
@@ -199,7 +199,7 @@ class PathMessage:
 
     @property
     def headings_deg(self) -> Floats:
-        """(N,) degrees clockwise from up the rows, of each cell of the path as in `Plan`; none for
+        """(N,) degrees clockwise from grid north, of each cell of the path as in `Plan`; none for
         a path of one.
         """
         return np.array(self.headings) if self.headings else headings_along(self.path)

@@ -33,8 +33,8 @@ from nnpp_edge.runtime.loop.patches import Patches, Waiting
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.network.loading import begin_loading
+from nnpp_edge.runtime.options import PlannerOptions
 from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
-from nnpp_edge.runtime.planners.on_map import PlannerOptions
 from nnpp_edge.runtime.planners.plan import DynamicMethod
 
 _LOG = logging.getLogger(__name__)

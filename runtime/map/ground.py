@@ -5,26 +5,18 @@ what steps cost.
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, TypedDict, Unpack
+from typing import TYPE_CHECKING
 
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D, as_map, numbers
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
+from nnpp_edge.runtime.options import TERMS
 from nnpp_edge.runtime.terrain.step_cost import StepCost, StepModel
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.robots.slope.cost import Mobility
     from nnpp_edge.runtime.terrain.traversability import Traversability
     from nnpp_edge.runtime.terrain.vehicle import Vehicle
-
-
-class GroundOptions(TypedDict, total=False):
-    """Attributes of `Ground` that have a default, as options of what makes one."""
-
-    cell_width_m: float | None
-    vehicle: "Vehicle | None"
-    step_cost: str
-    mobility: "Mobility | None"
 
 
 @checked(InvalidMapError)
@@ -125,10 +117,15 @@ class Ground:
         elevation: Float2D,
         cell_size_m: float,
         traversability: "Traversability | None" = None,
-        **options: Unpack[GroundOptions],
+        *,
+        cell_width_m: float | None = None,
+        vehicle: "Vehicle | None" = None,
+        step_cost: str = StepCost.PAPER,
+        mobility: "Mobility | None" = None,
     ) -> "Ground":
         """Of heights; arguments as the attributes."""
-        return cls(None, elevation, cell_size_m, traversability=traversability, **options)
+        place = (None, elevation, cell_size_m, cell_width_m)
+        return cls(*place, traversability, vehicle, step_cost, mobility)
 
     @classmethod
     def of_coarse(
@@ -140,17 +137,20 @@ class Ground:
         *,
         prior: str = "network",
         model: str | Path = "unseen",
-        **options: Unpack[GroundOptions],
+        cell_width_m: float | None = None,
+        vehicle: "Vehicle | None" = None,
+        step_cost: str = StepCost.PAPER,
+        mobility: "Mobility | None" = None,
     ) -> "Ground":
         """Of a coarse map: `dem` (H, W) has the means of `factor` × `factor` cells, blocks of
         `cell_size_m` by `cell_width_m`; else as the attributes.
         """
         if factor < 1:
             raise InvalidQueryError(f"factor must be at least 1, got {factor}")
-        if (width := options.get("cell_width_m")) is not None:
-            options["cell_width_m"] = width / factor
-        known = cls.of_elevation(dem, cell_size_m / factor, traversability, **options)
-        return replace(known, factor=factor, prior=prior, prior_model=model)
+        width = None if cell_width_m is None else cell_width_m / factor
+        place = (None, dem, cell_size_m / factor, width)
+        robot = (traversability, vehicle, step_cost, mobility)
+        return cls(*place, *robot, factor, prior, model)
 
     @property
     def sides_m(self) -> tuple[float, float]:
@@ -207,8 +207,6 @@ def _within(body: "Vehicle", limits: "Traversability") -> "Vehicle":
 
     InvalidMapError for hard limits that mean nothing to a body.
     """
-    from nnpp_edge.runtime.terrain.traversability import TERMS
-
     for term in TERMS[1:]:  # the slope's is one of a body's tilt
         if getattr(limits, term.hard) < math.inf:
             raise InvalidMapError(

@@ -215,8 +215,8 @@ class Tiles:
         self._source.costed[0] = rows * cols
 
     def tell_from_now_on(self) -> Float2D:
-        """(H, W) float32, costs that were told, 0 where none was, inf where shut; to be had before
-        any is written.
+        """(H, W) float32, costs that were told, 0 where none was, inf where shut; to be called
+        before any is written.
         """
         told = virtual_zeros(self.heights.size, np.float32)
         self._source = self._source._replace(told=told)

@@ -1,15 +1,16 @@
 """Plans of a body that drives arcs: in corridors, and by what earlier searches found out."""
 
 import math
-from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import Status
+from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.planners.plan import Source
 from nnpp_edge.runtime.planners.query import Found, Work
+from nnpp_edge.runtime.planners.searchers import AStarSearcher
 from nnpp_edge.runtime.planners.standing_path import Rest
 from nnpp_edge.runtime.robots.body.search import KeptField
 from nnpp_edge.runtime.search.astar import Query, Search
@@ -23,28 +24,29 @@ from nnpp_edge.runtime.tuning import (
     MOST_IN_VAIN,
 )
 
-if TYPE_CHECKING:
-    from nnpp_edge.runtime.planners.methods import Methods
+SearchMap = Callable[[Query, Work, Source], Found]
+"""The optimal path, by a search of the whole map; the source says why that was searched."""
 
 
 class ArcCorridor:
-    """Finds paths of arcs by the `methods` of a map; `repeated` queries lead to one goal.
+    """Finds paths of arcs on a map; `repeated` queries lead to one goal.
 
     For these the costs to go that guided a search are kept. A path that costs much more than they
     promised is doubted: there may be a smoother one in a wider corridor.
     """
 
-    def __init__(self, methods: "Methods", repeated: bool) -> None:
-        self._methods = methods
-        self._grid = methods.state.grid
+    def __init__(self, state: MapState, astar: AStarSearcher, repeated: bool) -> None:
+        self._grid = state.grid
         self._repeated = repeated
-        self._kept = KeptField(self._grid, methods.astar.workspace, methods.state.log)
+        self._kept = KeptField(state.grid, astar.workspace, state.log)
         self._hopeless: Cell = (-1, -1)
         """The goal to which no corridor led lately."""
         self._untried = 0
         """For how many queries to it no corridor is tried."""
 
-    def find(self, query: Query, work: Work, corridors: Iterator[Found]) -> Found:
+    def find(
+        self, query: Query, work: Work, corridors: Iterator[Found], search_map: SearchMap
+    ) -> Found:
         """A path, by the costs to go that are kept or in one of the corridors, else on the whole
         map.
         """
@@ -54,14 +56,14 @@ class ArcCorridor:
                 return known
             if query.goal == self._hopeless and self._untried:
                 self._untried -= 1
-                return self._on_whole_map(query, work)
+                return self._on_whole_map(query, work, search_map)
         found = self._in_corridors(query, corridors)
         if found is not None:
             return found
         # noted before the search, which may end for want of time
         self._hopeless = query.goal
         self._untried = IN_VAIN
-        return self._on_whole_map(query, work)
+        return self._on_whole_map(query, work, search_map)
 
     def rejoin(self, query: Query, work: Work, rest: Rest) -> Found | None:
         """A way to a place ahead on the standing path, and on along that; None where a search is
@@ -114,9 +116,9 @@ class ArcCorridor:
             return found if doubted is None or found.cost < doubted.cost else doubted
         return doubted
 
-    def _on_whole_map(self, query: Query, work: Work) -> Found:
-        """The optimal path."""
-        found = self._methods.search_map(query, work, Source.FALLBACK)
+    def _on_whole_map(self, query: Query, work: Work, search_map: SearchMap) -> Found:
+        """The optimal path, whose costs to go are kept."""
+        found = search_map(query, work, Source.FALLBACK)
         if found.search.status is Status.OK:
             self._keep(query, found)
         return found

@@ -6,6 +6,7 @@ answer to the next.
 """
 
 import math
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Unpack
@@ -19,10 +20,10 @@ from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.memory import touch
-from nnpp_edge.runtime.planners.methods import file_of
+from nnpp_edge.runtime.options import PlannerOptions
+from nnpp_edge.runtime.planners.methods import Way, file_of
 from nnpp_edge.runtime.planners.on_map import (
     OnMap,
-    PlannerOptions,
     one_at_a_time,
     split,
 )
@@ -34,6 +35,9 @@ from nnpp_edge.runtime.tuning import NEAR
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.terrain.traversability import Traversability
+
+_JOINED = "a way to the standing path, and on along that"
+_CORRIDOR = "a new corridor is faster than repairs"
 
 
 class DynamicPlanner(OnMap):
@@ -129,7 +133,7 @@ class DynamicPlanner(OnMap):
     _repeated = True
 
     def _make(self) -> None:
-        """Of a standing path's plan nothing but its bound is forgotten."""
+        """As `OnMap._make`; the standing path stays, but no lower bound of its cost."""
         super()._make()
         self._path = StandingPath(self._state)
         if self._state.unseen is not None:
@@ -209,8 +213,7 @@ class DynamicPlanner(OnMap):
         """The robot is in this cell now; InvalidQueryError if it is not a cell, or the heading no
         number.
 
-        A body heads so many degrees clockwise from up the rows, and by default for where the plan
-        would have it.
+        The heading of a body is in degrees clockwise from grid north; by default it is the plan's.
         """
         if heading_deg is not None and not math.isfinite(heading_deg):
             raise InvalidQueryError(f"heading_deg must be a number of degrees, got {heading_deg}")
@@ -274,16 +277,11 @@ class DynamicPlanner(OnMap):
             wanted=self._arrivals(self._goal_heading_deg),
         )
 
-        def find() -> tuple[Found, DynamicMethod, str]:
-            joined = None if wanted.whole_map else self._rejoined(query, work)
-            if joined is not None:
-                why = "a way to the standing path, and on along that"
-                return joined, DynamicMethod.CORRIDOR, why
-            if wanted is DynamicMethod.AUTO:
-                return self._by_figures(query, work)
-            return self._methods.find(wanted, query, work), wanted, ""
-
-        plan = self._answer(query, work, wanted, find, keep_regions)
+        methods = self._methods
+        ways = self._by_figures(query) if wanted is DynamicMethod.AUTO else [methods.way(wanted)]
+        if not wanted.whole_map:
+            ways = [(DynamicMethod.CORRIDOR, _JOINED, self._rejoined), *ways]
+        plan = methods.plan(query, work, wanted, ways, keep_regions=keep_regions)
         if plan.ok:
             self._path.set(plan)
         return self._freed(plan, deadline=query.deadline) if self._refines else plan
@@ -303,18 +301,12 @@ class DynamicPlanner(OnMap):
         rest = None if arcs is None else self._path.rest(query.start, query.direction)
         return None if arcs is None or rest is None else arcs.rejoin(query, work, rest)
 
-    def _by_figures(self, query: Query, work: Work) -> tuple[Found, DynamicMethod, str]:
-        """The path that ``auto`` gives, by which method, and why that one."""
+    def _by_figures(self, query: Query) -> Sequence[Way]:
+        """How ``auto`` finds a path, and why so."""
         methods = self._methods
         if query.apart < NEAR and methods.arcs is None:
-            near = methods.search_briefly(query, work)
-            if near is not None:
-                return near, DynamicMethod.ASTAR, f"the goal is less than {NEAR} cells away"
-        return (
-            methods.corridor(query, work),
-            DynamicMethod.CORRIDOR,
-            "a new corridor is faster than repairs",
-        )
+            return methods.near_ways(_CORRIDOR)
+        return [methods.way(DynamicMethod.CORRIDOR, _CORRIDOR)]
 
     @property
     def _direction(self) -> int:

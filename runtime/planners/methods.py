@@ -1,6 +1,9 @@
 """The ways of finding a path on one map: what they share is made when first needed."""
 
-from functools import cached_property
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext
+from dataclasses import replace
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -8,12 +11,13 @@ import numpy as np
 
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.deadline import OutOfTimeError
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.map.state import MapState
-from nnpp_edge.runtime.memory import touch
-from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Source
-from nnpp_edge.runtime.planners.query import Found, Work
+from nnpp_edge.runtime.memory import small_pages, touch
+from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan, Source
+from nnpp_edge.runtime.planners.query import Found, Work, problem_with, told
 from nnpp_edge.runtime.planners.searchers import (
     AStarSearcher,
     Searcher,
@@ -39,6 +43,10 @@ if TYPE_CHECKING:
     from nnpp_edge.runtime.region.learned import LearnedRegions
     from nnpp_edge.runtime.search.dstar_lite import DStarLite
 
+Way = tuple[DynamicMethod, str, Callable[[Query, Work], Found | None]]
+"""A method, why that one, and what looks for a path by it: None where the next way is to be tried.
+"""
+_NEAR = f"the goal is less than {NEAR} cells away"
 _UNASKED = "no network is used for a vehicle's body: the corridor is as fast, closer to optimal"
 
 
@@ -49,7 +57,7 @@ def pick_method(
     `model`, and why.
     """
     if apart < NEAR:
-        return Method.ASTAR, f"the goal is less than {NEAR} cells away"
+        return Method.ASTAR, _NEAR
     if has_body:
         return (
             Method.CORRIDOR,
@@ -69,10 +77,10 @@ def file_of(model: "str | Path | NetworkModel") -> str | Path:
 class Methods:
     """Finds paths on one map. Serves one thread at a time.
 
-    Every method returns a path that is good enough for the query, and adds what that takes to
-    `work`. OutOfTimeError where time was up before a search of the map could begin. `model` and
-    `ask_from` as in `PlannerOptions`; `repeated` queries lead to one goal, and what was
-    found for one serves the next.
+    `plan` answers a query. The methods below it each return a path that is good enough for the
+    query, and add what that takes to `work`; OutOfTimeError where time was up before a search of
+    the map could begin. `model` and `ask_from` as in `PlannerOptions`; `repeated` queries lead to
+    one goal, and what was found for one serves the next.
     """
 
     @checked(InvalidQueryError)
@@ -106,7 +114,7 @@ class Methods:
             return None
         from nnpp_edge.runtime.planners.arc_corridor import ArcCorridor
 
-        return ArcCorridor(self, self._repeated)
+        return ArcCorridor(self.state, self.astar, self._repeated)
 
     @cached_property
     def regions(self) -> "LearnedRegions":
@@ -137,7 +145,7 @@ class Methods:
         return MendingSearcher(self.state, self.astar)
 
     def use_model(self, model: "str | Path | NetworkModel") -> "NetworkModel":
-        """Ask this network from now on, once it has been loaded and tried; ModelError, and the old
+        """Use this network from now on, once it has been loaded and tried; ModelError, and the old
         one stays.
         """
         if isinstance(model, str | Path):
@@ -158,30 +166,71 @@ class Methods:
                 self.state.pyramid.levels[self._network_level], self._network_level
             )
 
-    def choose(self, method: str, query: Query) -> tuple[Method, str]:
-        """The method of that name, for ``auto`` the one to pick and why; InvalidQueryError for
-        another name.
-        """
-        if (wanted := Method(method)) is Method.AUTO:
-            if self.arcs is not None:
-                return Method.CORRIDOR, "arcs are checked where the corridor leads"
-            if self.state.unseen is not None:
-                return Method.CORRIDOR, "over blocks where the ground is known coarsely"
-            return pick_method(self.state.shape, self._model, self.has_poses, query.apart)
-        unasked = wanted is Method.NNPP and self.has_poses
-        return wanted, _UNASKED if unasked else ""
+    def plan(
+        self,
+        query: Query,
+        work: Work,
+        wanted: DynamicMethod,
+        ways: Sequence[Way],
+        *,
+        keep_regions: bool = False,
+    ) -> Plan:
+        """The plan of a query, by the first of the ways that finds an answer, as the last one does.
 
-    def find(self, method: Method | DynamicMethod, query: Query, work: Work) -> Found:
-        """A path by a method that is not ``auto``."""
-        by = DynamicMethod(method)
+        It is of the method `wanted` where an end cannot be stood on, or time is up.
+        """
+        state = self.state
+        robot = state.grid.robot
+        if problem := problem_with(state.grid, query.start, query.goal):
+            return Plan(problem, wanted.base, planner=wanted, reason=told(problem, query, robot))
+        checked_before = state.checked
+        try:
+            with nullcontext() if state.unseen is None else small_pages():
+                for by, why, find in ways:
+                    if (found := find(query, work)) is not None:
+                        break
+        except OutOfTimeError:
+            by = wanted
+            why = ""
+            found = Found.too_late(Source.MAP if wanted.whole_map else Source.REGION)
+        assert found is not None
+        plan = found.plan(by, work, state, checked_before, choice=why, keep_regions=keep_regions)
+        if plan.status is not Status.NO_PATH:
+            return plan
+        ended = robot.why_ended(state.grid, query.start, query.goal, self.astar.workspace)
+        return replace(plan, reason=f"{plan.reason}; {ended}") if ended else plan
+
+    def ways(self, method: Method, query: Query) -> Sequence[Way]:
+        """How a path is found by a method; for ``auto`` by which one, and why."""
+        if method is not Method.AUTO:
+            unasked = method is Method.NNPP and self.has_poses
+            return [self.way(DynamicMethod(method), _UNASKED if unasked else "")]
+        if self.arcs is not None:
+            return [self.way(DynamicMethod.CORRIDOR, "arcs are checked where the corridor leads")]
+        if self.state.unseen is not None:
+            why = "over blocks where the ground is known coarsely"
+            return [self.way(DynamicMethod.CORRIDOR, why)]
+        picked, why = pick_method(self.state.shape, self._model, self.has_poses, query.apart)
+        if picked is Method.ASTAR:
+            return self.near_ways(f"{why}, but the way is long")
+        return [self.way(DynamicMethod(picked), why)]
+
+    def near_ways(self, else_why: str) -> Sequence[Way]:
+        """How a path to a near goal is found: by a brief A*, else in a corridor, and why that."""
+        return [
+            (DynamicMethod.ASTAR, _NEAR, self.search_briefly),
+            (DynamicMethod.CORRIDOR, else_why, self.corridor),
+        ]
+
+    def way(self, by: DynamicMethod, why: str = "") -> Way:
+        """How a path is found by a method that is not ``auto``."""
         if by is DynamicMethod.DSTAR:
-            return self.mend_map(query, work)
+            return by, why, self.mend_map
         if by is DynamicMethod.ASTAR:
-            return self.search_map(query, work)
-        searcher: Searcher = self.mending if by.mends_regions else self.astar
-        if by.base is Method.NNPP and not self.has_poses:
-            return self.network_region(query, work, searcher)
-        return self.corridor(query, work, searcher)
+            return by, why, self.search_map
+        learned = by.base is Method.NNPP and not self.has_poses
+        find = self.network_region if learned else self.corridor
+        return by, why, partial(find, searcher=self.mending) if by.mends_regions else find
 
     def search_map(self, query: Query, work: Work, source: Source = Source.MAP) -> Found:
         """The optimal path, by A* over the whole map; `source` says why that was searched."""
@@ -229,7 +278,7 @@ class Methods:
         self.state.pyramid_by(query.deadline)
         corridors = self.descent.corridors(query, work, searcher or self.astar, widths)
         if self.arcs is not None:
-            return self.arcs.find(query, work, corridors)
+            return self.arcs.find(query, work, corridors, self.search_map)
         for found in corridors:
             if found.suffices(query):
                 return found

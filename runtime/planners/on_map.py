@@ -5,8 +5,6 @@ thread's turn.
 import functools
 import math
 from collections.abc import Callable, Mapping
-from contextlib import nullcontext
-from dataclasses import replace
 from pathlib import Path
 from threading import RLock
 from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
@@ -16,24 +14,23 @@ import numpy as np
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Bool, Float2D
 from nnpp_edge.runtime.cells import Cell, as_cell
-from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
+from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import (
     ConcurrentUseError,
     InvalidMapError,
     InvalidQueryError,
     NnppEdgeError,
-    Status,
     shown,
 )
-from nnpp_edge.runtime.map.ground import Ground, GroundOptions
+from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.kinds import map_state
 from nnpp_edge.runtime.map.state import MapState
-from nnpp_edge.runtime.memory import small_pages, touch
-from nnpp_edge.runtime.options import StepOptions
+from nnpp_edge.runtime.memory import touch
+from nnpp_edge.runtime.options import PlannerOptions
 from nnpp_edge.runtime.planners.methods import Methods
-from nnpp_edge.runtime.planners.plan import DynamicMethod, Plan, Source
-from nnpp_edge.runtime.planners.query import Found, Work, in_words, problem_with, told
-from nnpp_edge.runtime.search.astar import Query, cost_field
+from nnpp_edge.runtime.planners.plan import Plan
+from nnpp_edge.runtime.planners.query import in_words, problem_with
+from nnpp_edge.runtime.search.astar import cost_field
 from nnpp_edge.runtime.tuning import NEAR
 
 if TYPE_CHECKING:
@@ -78,26 +75,6 @@ def one_at_a_time(method: Callable[Concatenate[S, P], R]) -> Callable[Concatenat
             self._turn.release()
 
     return guarded
-
-
-class PlannerOptions(GroundOptions, StepOptions, total=False):
-    """Options of `Planner` and `DynamicPlanner`, and of their `of_elevation`; those of `Ground` are
-    the ground's.
-    """
-
-    lazy: bool
-    """Whether costs of heights are computed, and poses checked, only where searched, as by
-    default. Else all are now; plans are the same. Costs of steps by the slope always are."""
-    warn: bool
-    """Whether to warn of heights whose slopes all lie beyond the limits; by default `of_elevation`
-    does.
-    """
-    model: "str | Path | NetworkModel"
-    """The network for ``nnpp``: a shipped model's name (by default ``edge``), a file, or one
-    already loaded, which planners may share. It is loaded when first needed."""
-    ask_from: int
-    """Cells between start and goal from which on ``nnpp`` runs the network. Nearer goals A* has
-    mostly found before it has answered, and is tried first."""
 
 
 class OnMap:
@@ -168,13 +145,13 @@ class OnMap:
     @checked(InvalidQueryError)
     @one_at_a_time
     def explain(self, cell: Cell, heading_deg: float) -> "PoseCheck":
-        """How the vehicle stands on a cell, heading so many degrees clockwise from up the rows, by
-        each limit.
+        """How the vehicle stands on a cell with a heading, degrees clockwise from grid north: each
+        limit.
 
-        Checked is the body on the very cell, heading just so. The steps of a path are checked with
-        all places and headings between, so one may be refused where this is not. InvalidQueryError
-        without a body on a map of elevations, for what is no cell of the map, or a heading that is
-        no number.
+        The body is checked on this very cell with this very heading. The steps of a path are
+        checked with all places and headings between, so one may be refused where this is not.
+        InvalidQueryError without a body on a map of elevations, for what is no cell of the map, or
+        a heading that is no number.
         """
         return self._state.grid.robot.explain(as_cell(cell, "cell"), heading_deg)
 
@@ -183,10 +160,9 @@ class OnMap:
     def update(self, row: int, col: int, patch: Float2D, *, seen: Bool | None = None) -> int:
         """Put new costs into the map.
 
-        On a map of elevations what costs tell is a layer of its own: a cell costs the greater of
-        that and of what its heights make of it, and is impassable where either says so. A body, and
-        steps that cost by the slope, take no more from a cost below 1 than that the cell is not
-        impassable by what was told.
+        On a map of elevations these costs are a layer of their own: a cell costs the greater of
+        that and of what its heights make of it, and is impassable where either says so. For a body,
+        and where steps cost by the slope, only cells that they make impassable count.
 
         Parameters
         ----------
@@ -200,7 +176,7 @@ class OnMap:
         Returns
         -------
         int
-            Number of cells that are other ones now.
+            Number of changed cells.
 
         Raises
         ------
@@ -228,12 +204,12 @@ class OnMap:
         return change.cells
 
     def _changed(self) -> None:
-        """The map is another one."""
+        """The map has just changed."""
 
     @checked(InvalidQueryError)
     @one_at_a_time
     def use_model(self, model: "str | Path | NetworkModel") -> None:
-        """Ask this network from now on, loaded and tried now; ModelError where that fails: the old
+        """Use this network from now on, loaded and tried now; ModelError where that fails: the old
         one stays.
         """
         self._model = self._methods.use_model(model)
@@ -246,35 +222,6 @@ class OnMap:
         if self._state.unseen is None:
             touch(self._methods.astar.workspace)
             self._methods.descent.touch()
-
-    def _answer(
-        self,
-        query: Query,
-        work: Work,
-        wanted: DynamicMethod,
-        find: Callable[[], tuple[Found, DynamicMethod, str]],
-        keep_regions: bool,
-    ) -> Plan:
-        """The plan of what `find` gives: what was found, by which method, and why that; of ends
-        that cannot be stood on, or at the deadline, of the method `wanted`.
-        """
-        state = self._state
-        by = wanted
-        choice = ""
-        if problem := problem_with(state.grid, query.start, query.goal):
-            return Plan(problem, by.base, planner=by, reason=told(problem, query, state.grid.robot))
-        checked_before = state.checked
-        try:
-            with small_pages() if state.unseen is not None else nullcontext():
-                found, by, choice = find()
-        except OutOfTimeError:
-            found = Found.too_late(Source.MAP if wanted.whole_map else Source.REGION)
-        plan = found.plan(by, work, state, checked_before, choice=choice, keep_regions=keep_regions)
-        return (
-            replace(plan, reason=plan.reason + self._why_ended(query))
-            if plan.status is Status.NO_PATH
-            else plan
-        )
 
     def _frees(self, refine: str | None) -> bool:
         """Whether paths are freed from the grid, by the option of that name."""
@@ -290,15 +237,6 @@ class OnMap:
 
         return Refiner(self._state).refined(plan, radius_m, deadline)
 
-    def _why_ended(self, query: Query) -> str:
-        """By which limit a body gets no farther, by the search of the whole map that has just found
-        no path.
-        """
-        grid = self._state.grid
-        memory = self._methods.astar.workspace
-        why = grid.robot.why_ended(grid, query.start, query.goal, memory)
-        return f"; {why}" if why else ""
-
     def _reach(self, start: Cell, within: float = math.inf) -> Float2D:
         """As `Planner.reach`."""
         if not within >= 0.0:
@@ -313,9 +251,9 @@ class OnMap:
 
 
 def split(
-    options: Mapping[str, object], kind: type = GroundOptions
+    options: Mapping[str, object], kind: type = Ground
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The options that this `TypedDict` has, and the others."""
+    """The options that are attributes of a class, or keys of a record, and the others."""
     own = {name: value for name, value in options.items() if name in kind.__annotations__}
     rest = {name: value for name, value in options.items() if name not in own}
     return own, rest

@@ -169,7 +169,7 @@ class Plan:
 
     @property
     def headings_deg(self) -> Floats:
-        """(N,) degrees clockwise from up the rows in which each cell is left, see
+        """(N,) degrees clockwise from grid north in which each cell is left, see
         `arrays.headings_along`; of a body that drives arcs, in which it stands there.
         """
         if self.states is None or self.along is None:
@@ -180,7 +180,7 @@ class Plan:
 
     @cached_property
     def arcs(self) -> "tuple[Arc, ...]":
-        """The pieces that a body drives which drives arcs; empty of others."""
+        """The pieces of a path of arcs, in order; empty for other paths."""
         if self.states is None or self.vehicle is None or self.along is None:
             return ()
         from nnpp_edge.runtime.robots.body.arcs import arcs_along
@@ -199,7 +199,7 @@ class Plan:
     @property
     def poses(self) -> Floats:
         """(N, 3) along `arcs`, every 0.25 m or nearer: metres along columns and along rows from the
-        middle of cell (0, 0), degrees clockwise from up the rows; empty without arcs.
+        middle of cell (0, 0), degrees clockwise from grid north; empty without arcs.
         """
         return np.empty((0, 3)) if self.drive is None else self.drive.poses
 

@@ -12,16 +12,15 @@ from nnpp_edge.runtime.cells import Cell, as_cell
 from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.ground import Ground
-from nnpp_edge.runtime.options import PlanOptions
+from nnpp_edge.runtime.options import PlannerOptions, PlanOptions
 from nnpp_edge.runtime.planners.methods import file_of
 from nnpp_edge.runtime.planners.on_map import (
     OnMap,
-    PlannerOptions,
     one_at_a_time,
     split,
 )
-from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan
-from nnpp_edge.runtime.planners.query import Found, Wishes, Work, options_of
+from nnpp_edge.runtime.planners.plan import Method, Plan
+from nnpp_edge.runtime.planners.query import Work, options_of
 from nnpp_edge.runtime.search.astar import Query, costs_to_nearest
 from nnpp_edge.runtime.tuning import NEAREST_STOPS
 
@@ -181,14 +180,14 @@ class Planner(OnMap):
             raise InvalidQueryError(f"count must be at least 1, got {count}")
         cells = [as_cell(goal, "goal") for goal in goals]
         begin = as_cell(start, "start")
-        wishes = options_of(**options)
+        asked = options_of(**options)
         bounds = [self._state.grid.least_cost(begin, cell) for cell in cells]
         plans: dict[int, Plan] = {}
         for at in sorted(range(len(cells)), key=bounds.__getitem__):
             known = sorted(plan.cost for plan in plans.values())
             if len(known) >= count and known[count - 1] <= bounds[at]:
                 break
-            plans[at] = self._planned(begin, cells[at], wishes, Work())
+            plans[at] = self._planned(begin, cells[at], asked, Work())
         return sorted(plans.items(), key=lambda item: (not item[1].ok, item[1].cost))[:count]
 
     @checked(InvalidQueryError)
@@ -219,23 +218,23 @@ class Planner(OnMap):
         """
         from nnpp_edge.runtime.planners.tour import tour
 
-        wishes = options_of(**options)
+        asked = options_of(**options)
         grid = self._state.grid
-        refining = self._frees(wishes.refine)
-        deadline = Deadline.within(wishes.time_limit_s)
+        refining = self._frees(asked.get("refine"))
+        deadline = _deadline(asked)
         between = [as_cell(cell, f"via {at}") for at, cell in enumerate(via, 1)]
         stops = [as_cell(start, "start"), *between, as_cell(goal, "goal")]
         memory = self._methods.astar.workspace
         nearest = partial(costs_to_nearest, grid, stops, NEAREST_STOPS, memory, deadline)
         found = tour(
             lambda begin, end, direction=-1: self._on_grid(
-                begin, end, wishes, Work(), deadline, direction
+                begin, end, asked, Work(), deadline, direction
             ),
             stops,
             grid,
             best_order=best_order,
-            nearest=nearest if wishes.method == Method.ASTAR else None,
-            finish=lambda leg: self._refined(leg, refining, wishes, deadline),
+            nearest=nearest if asked.get("method") == Method.ASTAR else None,
+            finish=lambda leg: self._refined(leg, refining, asked, deadline),
             deadline=deadline,
         )
         return replace(found, plan=found.plan.over(self._state))
@@ -251,47 +250,46 @@ class Planner(OnMap):
         """
         return self._reach(start, within)
 
-    def _planned(self, start: Cell, goal: Cell, wishes: Wishes, work: Work) -> Plan:
-        refining = self._frees(wishes.refine)
-        deadline = Deadline.within(wishes.time_limit_s)
+    def _planned(self, start: Cell, goal: Cell, asked: PlanOptions, work: Work) -> Plan:
+        refining = self._frees(asked.get("refine"))
+        deadline = _deadline(asked)
         return self._refined(
-            self._on_grid(start, goal, wishes, work, deadline), refining, wishes, deadline
+            self._on_grid(start, goal, asked, work, deadline), refining, asked, deadline
         )
 
     def _on_grid(
         self,
         start: Cell,
         goal: Cell,
-        wishes: Wishes,
+        asked: PlanOptions,
         work: Work,
         deadline: Deadline,
         direction: int = -1,
     ) -> Plan:
         """The plan by the search alone."""
         methods = self._methods
-        begin, wanted = wishes.directions(self._state.grid)
-        query = Query.of(
-            start, goal, deadline, wishes.epsilon, direction if direction >= 0 else begin, wanted
+        begin, wanted = self._state.grid.robot.ends(
+            asked.get("start_heading_deg"),
+            asked.get("goal_heading_deg"),
+            asked.get("goal_tolerance_deg", 0.0),
         )
-        chosen, why = methods.choose(wishes.method, query)
+        epsilon = asked.get("epsilon", math.inf)
+        query = Query.of(
+            start, goal, deadline, epsilon, direction if direction >= 0 else begin, wanted
+        )
+        ways = methods.ways(Method(asked.get("method", Method.AUTO)), query)
+        keep = asked.get("keep_regions", False)
+        return methods.plan(query, work, ways[0][0], ways, keep_regions=keep)
 
-        def find() -> tuple[Found, DynamicMethod, str]:
-            by = chosen
-            choice = why
-            if wishes.method == Method.AUTO and by is Method.ASTAR:
-                if (near := methods.search_briefly(query, work)) is not None:
-                    return near, DynamicMethod.ASTAR, choice
-                by = Method.CORRIDOR
-                choice = f"{choice}, but the way is long"
-            return methods.find(by, query, work), DynamicMethod(by), choice
-
-        return self._answer(query, work, DynamicMethod(chosen), find, wishes.keep_regions)
-
-    def _refined(self, plan: Plan, refining: bool, wishes: Wishes, deadline: Deadline) -> Plan:
+    def _refined(self, plan: Plan, refining: bool, asked: PlanOptions, deadline: Deadline) -> Plan:
         """The plan, freed from the grid if that is asked for."""
         if refining:
-            return self._freed(plan, wishes.turning_radius_m, deadline)
+            return self._freed(plan, asked.get("turning_radius_m"), deadline)
         return plan if plan.states is None else plan.over(self._state)
+
+
+def _deadline(asked: PlanOptions) -> Deadline:
+    return Deadline.within(asked.get("time_limit_s", math.inf))
 
 
 class PathOptions(PlannerOptions, PlanOptions):

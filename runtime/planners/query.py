@@ -1,4 +1,4 @@
-"""What a user wishes of a plan, and what the searches for it find."""
+"""What a query asks, and what the searches for it find."""
 
 import math
 from collections.abc import Callable
@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from nnpp_edge.runtime.arguments import checked
-from nnpp_edge.runtime.arrays import Bool
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.state import MapState
-from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan, Source
+from nnpp_edge.runtime.options import PlanOptions
+from nnpp_edge.runtime.planners.plan import DynamicMethod, Plan, Source
 from nnpp_edge.runtime.robots.robot import Robot
 from nnpp_edge.runtime.search.astar import Query, Search
 from nnpp_edge.runtime.search.region import Region
@@ -28,29 +28,7 @@ _REASONS = {
 }
 
 
-class Wishes(NamedTuple):
-    """All options of a query, as in `options.PlanOptions`."""
-
-    method: str = Method.AUTO
-    epsilon: float = math.inf
-    time_limit_s: float = math.inf
-    keep_regions: bool = False
-    refine: str | None = None
-    turning_radius_m: float | None = None
-    start_heading_deg: float | None = None
-    goal_heading_deg: float | None = None
-    goal_tolerance_deg: float = 0.0
-
-    def directions(self, grid: Grid) -> tuple[int, Bool | None]:
-        """Those of a body at the start, and at the goal, as in `Query`; InvalidQueryError where it
-        has none.
-        """
-        return grid.robot.ends(
-            self.start_heading_deg, self.goal_heading_deg, self.goal_tolerance_deg
-        )
-
-
-options_of: Callable[..., Wishes] = checked(InvalidQueryError)(Wishes)
+options_of: Callable[..., PlanOptions] = checked(InvalidQueryError)(PlanOptions)
 """From keywords; InvalidQueryError for a value of another kind."""
 
 

@@ -91,15 +91,15 @@ class Robot:
         """
         return None
 
-    def states(self) -> "States | None":
-        """A body's motions; None where a search goes over cells."""
-        return None
+    def states(self) -> "States":
+        """A body's motions, where a search goes over its poses."""
+        raise NotImplementedError
 
-    def states_by(self, edges: Edges, metre: float) -> "States | None":
+    def states_by(self, edges: Edges, metre: float) -> "States":
         """As `states`, where legs cost by `edges`, and turns by what a metre of level
         ground does.
         """
-        return None
+        raise NotImplementedError
 
     def weights(self, grid: "Grid") -> Float32s:
         """Weights by which its steps may lead, inf where they may not; empty where others
@@ -145,15 +145,8 @@ class Robot:
             grid.tiles.open_along(path[first:])
         return int(walk(grid.packed, path, first, costs))
 
-    def walk_turns(
-        self,
-        grid: "Grid",
-        path: Cells,
-        first: int,
-        costs: Floats,
-        states: "States | None",
-    ) -> int:
-        """As `walk`, where turns alone cost, by these states."""
+    def walk_turns(self, grid: "Grid", path: Cells, first: int, costs: Floats, metre: float) -> int:
+        """As `walk`, where turns alone cost, by what a metre of level ground does."""
         blocked = self.walk(grid, path, first, costs)
         costs[first:] = 0.0
         return blocked
@@ -201,7 +194,7 @@ class Robot:
     def follow(
         self, change: "Change", part: Rectangle, state: "MapState", *, heights: bool
     ) -> "Change":
-        """The change with all cells whose steps may be other ones, after one of the map's weights.
+        """The change with all cells whose steps may have changed, after one of the map's weights.
 
         `part` is where new heights, or else costs, were put; empty where none were new.
         """

@@ -9,7 +9,6 @@ summed up, the paper leaves open; it is decided here.
 import math
 import warnings
 from dataclasses import asdict, dataclass, fields, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,30 +19,9 @@ from nnpp_edge.runtime.bands import in_bands
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.kernels.traversability import PAPER_TERMS, fill_terms, fill_weights
+from nnpp_edge.runtime.options import TERMS, Term
 from nnpp_edge.runtime.tuning import MOST_SAMPLED
 
-
-class Term(NamedTuple):
-    """A term of Eq. 1, and the attributes of `Traversability` that limit and weigh it."""
-
-    words: str
-    unit: str
-    """Of the limits; of degrees kernels take radians."""
-    limit: str
-    weight: str
-    hard: str
-
-    def told(self, value: float) -> float:
-        """A value of the kernels in the unit of the limits."""
-        return math.degrees(value) if self.unit == "°" else value
-
-
-TERMS = (
-    Term("slope", "°", "slope_limit_deg", "slope_weight", "hard_slope_deg"),
-    Term("roughness", " m", "roughness_limit_m", "roughness_weight", "hard_roughness_m"),
-    Term("elevation difference", " m", "step_limit_m", "step_weight", "hard_step_m"),
-)
-"""The terms of Eq. 1, in the order of `kernels.records.Terms`."""
 _SINGLE_STEP = Term("steepest single step", "°", "", "", "hard_gradient_deg")
 """What else a cell is limited by."""
 

@@ -1,3 +1,5 @@
+"""`nnpp-edge models`: the list and the card of a model, held to the metadata of its file."""
+
 import hashlib
 import json
 import re

@@ -4,8 +4,10 @@ import importlib
 
 import click
 import numpy as np
+import pytest
 
 from nnpp_edge.cli.main import COMMANDS
+from nnpp_edge.cli.options import Memory
 from nnpp_edge.runtime import Counters
 from nnpp_edge.runtime.options import PlanOptions, StepOptions
 
@@ -23,6 +25,13 @@ def test_no_command_takes_many_parameters():
         MOST_PARAMETERS + 1,
         "",
     )
+
+
+@pytest.mark.parametrize(
+    ("word", "count"), [("2GB", 2e9), ("500 MiB", 500 * 2**20), ("1.5k", 1500), ("7", 7)]
+)
+def test_a_size_counts_bytes_by_thousands_or_with_an_i_by_1024(word, count):
+    assert Memory.__metadata__[0].parse(word) == count
 
 
 def test_all_commands_that_plan_take_the_options_of_a_step_in_the_same_words():

@@ -1,3 +1,5 @@
+"""`nnpp-edge warmup`: it compiles every kernel, once, and plans find what it compiled."""
+
 import json
 import os
 import subprocess

@@ -1,3 +1,5 @@
+"""The harness that times rivals in turns: what counts, in which order, and the quantiles."""
+
 import gc
 from functools import partial
 from itertools import permutations

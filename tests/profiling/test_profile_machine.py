@@ -1,3 +1,5 @@
+"""What a profile says of the machine: processor, pinned cores, load by others and energy."""
+
 import os
 import subprocess
 import sys

@@ -1,3 +1,5 @@
+"""The tiny network in both of its roles."""
+
 import pytest
 
 from nnpp_edge.reproduction.regions import Networks

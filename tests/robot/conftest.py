@@ -1,3 +1,5 @@
+"""A free map, a loop over a source, and waiting: what tests of transports share."""
+
 import time
 from types import SimpleNamespace
 

@@ -1,3 +1,5 @@
+"""The MCAP log: its ROS messages, its limit, and a disk that is full."""
+
 import json
 import logging
 import math

@@ -1,3 +1,5 @@
+"""The counters as Prometheus reads them."""
+
 import socket
 import sys
 import urllib.parse

@@ -1,3 +1,5 @@
+"""The simulated drive: its survey, sight and obstacles, and that no path was forbidden."""
+
 import itertools
 import json
 import math

@@ -1,3 +1,5 @@
+"""What systemd is told, and a manager that is missing or does not read."""
+
 import itertools
 import logging
 import os

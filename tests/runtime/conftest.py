@@ -1,3 +1,5 @@
+"""A small network, loaded once."""
+
 import pytest
 
 from nnpp_edge.runtime import NetworkModel

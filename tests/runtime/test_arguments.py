@@ -304,6 +304,11 @@ def test_values_that_make_no_sense_are_refused_in_a_line_and_change_no_map(call,
         np.testing.assert_array_equal(planner.state.grid.map(), wanted)
 
 
+def test_an_option_that_does_not_exist_is_answered_with_those_that_do():
+    with pytest.raises(TypeError, match="no option is named metod: wanted one of method, epsilon"):
+        POINT.plan(*PAIR, metod="astar")
+
+
 def test_costs_are_told_beside_heights():
     assert ON_HEIGHTS.update(0, 0, FLAT[:1, :1]) == 0
 

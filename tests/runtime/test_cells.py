@@ -1,3 +1,5 @@
+"""Rectangles of a map, against sets of their cells."""
+
 import itertools
 
 from hypothesis import given

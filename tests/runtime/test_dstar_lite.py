@@ -1,3 +1,5 @@
+"""D* Lite after each change of the map, against a fresh search."""
+
 import numpy as np
 import pytest
 

@@ -98,6 +98,8 @@ def test_a_search_longer_than_a_tick_gets_more_time_with_each_while_there_is_no_
     assert (
         max(limits) == pytest.approx(0.8, rel=0.01) and navigator.tick(deadline=clock.now + 0.1).ok
     )
+    navigator.offer(Goal(0, 30))  # no path to it is known: the next search gets a tick again
+    assert navigator.tick(deadline=clock.now + 0.1).outcome is Status.TIMEOUT
 
 
 def test_a_tick_that_is_late_keeps_a_path_that_still_leads_there_and_says_so():

@@ -66,7 +66,7 @@ def test_what_was_told_outlives_copies_and_interrupts(vehicle, monkeypatch):
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patched:
-        patched.setattr(Methods, "find", interrupted)
+        patched.setattr(Methods, "search_map", interrupted)
         for call in (lambda: planner.plan(*ENDS, method="astar"), moving.replan):
             with pytest.raises(KeyboardInterrupt):
                 call()

@@ -82,6 +82,17 @@ def test_sessions_that_nobody_uses_do_not_pile_up(tiny_model, tmp_path):
     assert alive == [KEPT + 2, KEPT + 3]
 
 
+def test_a_file_that_was_written_anew_is_opened_anew_though_its_time_was_set_back(
+    fresh_model, sessions
+):
+    NetworkModel(fresh_model)
+    before = fresh_model.stat()
+    fresh_model.write_bytes(fresh_model.read_bytes())
+    os.utime(fresh_model, ns=(before.st_atime_ns, before.st_mtime_ns))
+    NetworkModel(fresh_model)
+    assert len(sessions.paths) == 2
+
+
 def test_an_error_in_the_background_is_raised_to_each_who_asks_and_printed_to_none(
     fresh_model, capfd
 ):

@@ -38,9 +38,10 @@ from nnpp_edge.runtime import (
     handling_signals,
 )
 from nnpp_edge.runtime.loop import workers
+from nnpp_edge.runtime.loop.patches import Patches
 from nnpp_edge.runtime.loop.timing import Histogram, Ticker
 from nnpp_edge.runtime.map.kinds import map_state
-from tests.strategies import flat
+from tests.strategies import flat, state_of
 
 
 class Clock:
@@ -101,13 +102,13 @@ def test_a_late_tick_does_not_move_the_next():
     clock = Clock()
     ticker = Ticker(0.1, clock=clock, sleep=clock.sleep)
     starts = []
-    for work in (0.03, 0.0999, 0.12, 0.01, 0.35, 0.02):
+    for work in (0.03, 0.0999, 0.12, 0.01, 0.37, 0.02):
         starts.append(clock.now)
         clock.now += work
         ticker.wait()
     at = np.array([*starts[1:], clock.now]) - 100.0
-    # 0.12 beyond its deadline begins at once; 0.35 skips what passed; then the old rhythm again
-    np.testing.assert_allclose(at, [0.1, 0.2, 0.32, 0.4, 0.75, 0.8], atol=1e-9)
+    # 0.12 beyond its deadline begins at once; 0.37 skips what passed; then the old rhythm again
+    np.testing.assert_allclose(at, [0.1, 0.2, 0.32, 0.4, 0.77, 0.8], atol=1e-9)
     assert (ticker.overruns, ticker.skipped) == (2, 2)
     assert min(clock.slept) > 0.0
 
@@ -411,6 +412,17 @@ def test_a_map_update_that_raises_is_tried_again_and_no_path_is_published_withou
     assert nav.tick().outcome is Status.NO_PATH, "the patch has waited"
     assert nav.counters().errors == {"map": 2, "tick": 1}
     assert first.map_version == 0
+
+
+def test_patches_that_the_map_did_not_take_come_before_those_that_came_meanwhile():
+    patches = Patches(state_of(free()))
+    older, newer = (MapPatch(0, col, cost=free((2, 2))) for col in (3, 0))
+    patches.offer(older)
+    with pytest.raises(KeyError), patches.taking():
+        patches.offer(newer)
+        raise KeyError
+    with patches.taking() as taken:
+        assert [one.part[1] for one in taken] == [3, 0]
 
 
 # --- the runner

@@ -237,6 +237,18 @@ def test_how_much_has_changed_counts_by_the_window_not_by_the_map():
     assert type(network).shown == before + 1
 
 
+def test_small_changes_add_up_until_the_network_is_shown_the_map_again():
+    network = watched_network()
+    state = state_of(uniform(7, (256, 256), 0.0, 0.3))
+    view = MapView(state, network, UNSEEN_CHANGE)
+    shown = []
+    for row in range(0, 200, 40):  # each changes the planes by 0.6 %
+        state.update(row, 20, flat(31, 32, 0.99))
+        view.show((10, 10), (240, 240))
+        shown.append(type(network).shown)
+    assert shown == [1, 1, 1, 1, 2]
+
+
 def test_a_robot_on_its_way_keeps_its_window_while_that_serves():
     shape = (300, 1300)
     rng = np.random.default_rng(6)

@@ -1,8 +1,12 @@
+"""Memory: how much is left, what takes it, and maps that are too large for it."""
+
 import ctypes
+import gc
 import itertools
 import math
 import os
 import resource
+import weakref
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,7 +14,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime import Planner, Vehicle, memory, warmup
+from nnpp_edge.runtime import DynamicPlanner, Planner, Vehicle, memory, warmup
 from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.map.streamed import StreamedMap
 from nnpp_edge.runtime.memory import (
@@ -154,3 +158,28 @@ def test_a_map_too_large_for_memory_is_refused_before_anything_is_allocated(monk
             Planner.of_elevation(wide, 0.25, vehicle=vehicle)
     with pytest.raises(InvalidMapError, match="cells"):
         StreamedMap((60_000, 60_000), StepModel.of("paper"))
+
+
+@pytest.mark.parametrize("robot", ["point", "slope", "body", "arcs"])
+@pytest.mark.parametrize("method", ["auto", "corridor", "dstar"])
+def test_a_planner_that_is_dropped_leaves_its_maps_memory_at_once(robot, method):
+    body = Vehicle(1.5, 1.2, 0.3)
+    car = replace(body, turning_radius_m=2.0)
+    ground = {
+        "point": {},
+        "slope": {"step_cost": "tobler"},
+        "body": {"vehicle": body},
+        "arcs": {"vehicle": car},
+    }[robot]
+    heights = np.random.default_rng(0).normal(0.0, 0.03, (96, 96)).astype(np.float32)
+    gc.collect()
+    gc.disable()  # which would find what only refers to itself
+    try:
+        planner = DynamicPlanner.of_elevation(heights, 0.25, (80, 80), method=method, **ground)
+        planner.move((10, 10))
+        assert planner.replan().ok
+        kept = weakref.ref(planner.state.grid)
+        del planner
+        assert kept() is None
+    finally:
+        gc.enable()

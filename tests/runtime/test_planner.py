@@ -1,3 +1,5 @@
+"""`Planner` from the outside: methods, statuses, several goals, reach, and sizes of maps."""
+
 import gc
 import threading
 import weakref

@@ -27,6 +27,7 @@ from nnpp_edge.runtime.planners.coarse_to_fine import CoarseLevel
 from nnpp_edge.runtime.robots.body import motions
 from nnpp_edge.runtime.robots.body.attitude import attitudes, costs_at, explain
 from nnpp_edge.runtime.robots.body.poses import Poses
+from nnpp_edge.runtime.search.astar import Query
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.terrain.rocks import with_rocks
 from tests import pose_oracles
@@ -423,6 +424,24 @@ def test_a_search_that_checks_on_its_way_is_the_one_over_what_has_been_checked(s
     made = fresh(with_rocks(hills.astype(np.float32), CELL_M, 0.12, seed), Vehicle(1.5, 1.2, 0.3))
     first, again = (made.plan(start, goal, method="astar") for _ in range(2))
     assert first.status is again.status is Status.NO_PATH  # by turns: all states are looked at
+
+
+@pytest.mark.parametrize("seed", [24, 104, 170])
+def test_a_search_that_reaches_its_limit_of_expansions_calls_no_dearer_path_the_best(seed):
+    rng = np.random.default_rng(seed)
+    hills = 0.3 * np.cumsum(np.cumsum(rng.normal(0.0, 0.02, (24, 30)), 0), 1)
+    heights = (hills + rng.choice([0.0, 0.25], p=[0.93, 0.07], size=(24, 30))).astype(np.float32)
+    grid = Planner.of_elevation(heights, 0.5, vehicle=Vehicle(1.4, 1.0, 0.3)).state.grid
+    workspace = Workspace(len(grid.weights), grid.robot.states_a_node)
+
+    def search(limit=None):
+        return grid.robot.search(grid, Query((4, 4), (19, 25)), workspace, None, limit=limit)
+
+    best = search()
+    # on these maps a dearer path is known in this range
+    for limit in range(best.expansions - 400, best.expansions, 20):
+        found = search(limit)
+        assert found.status is not Status.OK or np.array_equal(found.path, best.path)
 
 
 def test_the_judges_of_motions_and_plans_can_fail(monkeypatch, planner):

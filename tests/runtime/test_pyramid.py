@@ -1,3 +1,5 @@
+"""Coarse levels: pooled as by hand, updated as if made anew, and bands around coarse paths."""
+
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,3 +1,5 @@
+"""Step costs by the slope: published values, and the table by which they are priced."""
+
 import math
 
 import numpy as np

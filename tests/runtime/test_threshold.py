@@ -1,3 +1,5 @@
+"""The adaptive threshold and its region, against a loop over all thresholds."""
+
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st

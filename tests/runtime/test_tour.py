@@ -11,11 +11,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nnpp_edge.runtime import Method, Plan, Planner, Source, Status
+from nnpp_edge.runtime import Method, Plan, Planner, Source, Status, Traversability
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.planners.tour import tour
 from tests import oracles
-from tests.strategies import flat
+from tests.strategies import flat, uniform
 
 
 def map_with_stops(seed, count, side=24, blocked=0.15):
@@ -109,6 +109,16 @@ def test_where_a_path_costs_the_same_both_ways_each_two_places_are_planned_betwe
     )
     assert oracles.path_problem(found.plan.path, cost, stops[0], stops[-1]) == ""
     assert found.plan.cost == pytest.approx(oracles.path_cost(found.plan.path, cost), rel=1e-5)
+
+
+def test_a_leg_that_was_planned_from_its_other_end_has_the_numbers_of_its_own_way():
+    heights = uniform(3, (40, 40), 0.0, 0.2)
+    _, stops = map_with_stops(5, 7, side=40)
+    planner = Planner.of_elevation(heights, 20.0, Traversability())
+    found = planner.plan_via(stops[0], stops[-1], stops[1:-1], best_order=True, method="corridor")
+    for leg in found.legs:
+        ends = leg.along.heights_m[[0, -1]]
+        assert ends == pytest.approx(heights[tuple(leg.path[[0, -1]].T)], abs=1e-5)
 
 
 def test_only_the_legs_that_are_taken_are_finished_and_the_tour_is_made_of_what_they_became():

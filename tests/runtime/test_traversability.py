@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from nnpp_edge.runtime import DynamicPlanner, Goal, Ground, Navigator, Planner, Pose
 from nnpp_edge.runtime.kernels.records import Terms
 from nnpp_edge.runtime.kernels.traversability import RULE_SLOTS
+from nnpp_edge.runtime.options import TERMS
 from nnpp_edge.runtime.terrain.traversability import (
-    TERMS,
     SaturationWarning,
     Traversability,
     terrain_terms,

@@ -1,3 +1,5 @@
+"""Labels of a training sample, against searches from both ends."""
+
 import numpy as np
 import pytest
 

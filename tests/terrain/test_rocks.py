@@ -1,3 +1,5 @@
+"""Rocks on terrain: numbers by the published law, heights cell by cell, and bad input."""
+
 import itertools
 import math
 

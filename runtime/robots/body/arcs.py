@@ -37,7 +37,7 @@ class Arc:
     """That the body's middle covers; 0 of a turn on the spot."""
     start_pose: PoseOf
     """Metres along columns and along rows from the middle of cell (0, 0), and degrees clockwise
-    from up the rows.
+    from grid north.
     """
     turn_deg: float = 0.0
     """By how much it turns, counterclockwise."""
@@ -67,7 +67,7 @@ class Arc:
 
 
 def heading_deg(direction: int, sides_m: tuple[float, float]) -> float:
-    """Of one of the sixteen directions, degrees clockwise from up the rows."""
+    """Of one of the sixteen directions, degrees clockwise from grid north."""
     return (180.0 - math.degrees(heading_rad(direction % DIRECTION_COUNT, sides_m))) % 360.0
 
 
@@ -155,7 +155,7 @@ class Drive(NamedTuple):
     """
 
     poses: Floats
-    """(N, 3) metres along columns, metres along rows, degrees clockwise from up the rows."""
+    """(N, 3) metres along columns, metres along rows, degrees clockwise from grid north."""
     gears: Int64
     curvatures_per_m: Floats
     """(N,) of the piece that comes to each pose, of the first that leaves it, see `Arc`."""

@@ -46,7 +46,7 @@ class PoseCheck:
 
     cell: Cell
     heading_deg: float
-    """Clockwise from up the rows, in [0, 360)."""
+    """Clockwise from grid north, in [0, 360)."""
     ok: bool
     refused_by: str | None
     """The first that is passed of ``unknown``, ``tilt``, ``pitch``, ``roll``, ``step`` and
@@ -99,7 +99,7 @@ def attitudes(poses: Poses, path: Cells) -> Attitudes:
 
 
 def explain(poses: Poses, cell: Cell, heading_deg: float) -> PoseCheck:
-    """How the vehicle stands on a cell with a heading, clockwise from up the rows, and what refuses
+    """How the vehicle stands on a cell with a heading, clockwise from grid north, and what refuses
     it.
 
     InvalidQueryError where the cell lies outside the map, or the heading is no number.
@@ -122,7 +122,7 @@ def explain(poses: Poses, cell: Cell, heading_deg: float) -> PoseCheck:
 
 def costs_at(poses: Poses, places: Floats) -> Floats:
     """(N,) T of the vehicle at places (N, 3) on the map: row and column from the middle of cell (0,
-    0), and degrees clockwise from up the rows; inf where it may not stand.
+    0), and degrees clockwise from grid north; inf where it may not stand.
     """
     at = places[:, :2] + 0.5
     inside = ((at > 0.0) & (at < poses.shape)).all(1)

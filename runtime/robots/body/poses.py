@@ -191,8 +191,8 @@ class Poses:
         """Put heights into the map, (h, w) float32 that lie inside it, and forget the motions that
         they touch.
 
-        `shut` as for the class, of these cells. Returns the rectangle of cells whose motions may be
-        other ones now.
+        `shut` as for the class, of these cells. Returns the rectangle of cells whose motions may
+        have changed.
         """
         self._put(row, col, heights, shut)
         rows, cols = heights.shape

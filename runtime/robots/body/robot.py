@@ -9,7 +9,7 @@ from nnpp_edge.runtime.arrays import Bool, Cells, Float32s, Floats
 from nnpp_edge.runtime.cells import Cell, Rectangle, slices
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.lattice import KNIGHT
-from nnpp_edge.runtime.kernels.records import BY_LENGTH, FIXED, Hints
+from nnpp_edge.runtime.kernels.records import BY_LENGTH, FIXED, Hints, Prices
 from nnpp_edge.runtime.robots.body import motions
 from nnpp_edge.runtime.robots.body.arcs import direction_near, directions_within
 from nnpp_edge.runtime.robots.body.attitude import PoseCheck, explain
@@ -72,14 +72,14 @@ class BodyRobot(Robot):
         return States(self.poses.packed, NO_EDGES, self.poses.prices)
 
     def states_by(self, edges: Edges, metre: float) -> States:
-        """Its motions, whose legs cost by `edges`, and turns by what a metre of level
-        ground does.
-        """
+        return States(self.poses.packed, edges, self._turns_by(metre))
+
+    def _turns_by(self, metre: float) -> Prices:
+        """The prices of its motions, where turns cost by what a metre of level ground does."""
         fares = self.poses.prices.fares.copy()
         fares[..., FIXED] *= self.poses.sides_m[0] * metre
         by_angle = between(self.poses.turns_m * metre)
-        prices = self.poses.prices._replace(fares=fares, turns=by_angle)
-        return States(self.poses.packed, edges, prices)
+        return self.poses.prices._replace(fares=fares, turns=by_angle)
 
     def search(
         self,
@@ -93,9 +93,7 @@ class BodyRobot(Robot):
         """As `Robot.search`; a query's last metres are searched once for all of its regions."""
         spent = 0
         if self._last_metres is None or self._last_metres[0] is not query:
-            states = grid.robot.states()
-            assert states is not None
-            found = LastMetres.to(grid, states, query, workspace)
+            found = LastMetres.to(grid, grid.robot.states(), query, workspace)
             self._last_metres = query, found
             spent = found.expansions if found else 0
         _, last_metres = self._last_metres
@@ -104,7 +102,6 @@ class BodyRobot(Robot):
 
     def spreading(self, grid: "Grid", workspace: Workspace, links: Links = None) -> Spreading:
         states = grid.robot.states()
-        assert states is not None
         return spreading(grid, states, workspace, np.ones(workspace.states, np.bool_))
 
     def stands_at(self, grid: "Grid", cell: Cell) -> bool:
@@ -120,18 +117,10 @@ class BodyRobot(Robot):
             return -1 if self.poses.stands_at((row, col)) else first
         return blocked
 
-    def walk_turns(
-        self,
-        grid: "Grid",
-        path: Cells,
-        first: int,
-        costs: Floats,
-        states: States | None,
-    ) -> int:
-        assert states is not None
-        fares = states.prices.fares.copy()
-        fares[..., BY_LENGTH] = 0.0
-        prices = states.prices._replace(unit=np.float32(0.0), fares=fares)
+    def walk_turns(self, grid: "Grid", path: Cells, first: int, costs: Floats, metre: float) -> int:
+        prices = self._turns_by(metre)
+        prices.fares[..., BY_LENGTH] = 0.0
+        prices = prices._replace(unit=np.float32(0.0))
         return self.poses.walk(path, first, costs, prices=prices)
 
     def costs_of(self, grid: "Grid", path: Cells) -> PathCosts:

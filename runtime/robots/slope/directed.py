@@ -16,19 +16,15 @@ from nnpp_edge.runtime.bands import in_bands, stripes
 from nnpp_edge.runtime.cells import Cell, Rectangle, enclosing, slices, widened
 from nnpp_edge.runtime.kernels.directed import join_steps, pool_steps, price_steps
 from nnpp_edge.runtime.kernels.pooling import FACTOR
-from nnpp_edge.runtime.kernels.records import FinerSteps, Hints, SlopePrices, Ways
+from nnpp_edge.runtime.kernels.records import FinerSteps, SlopePrices, Ways
 from nnpp_edge.runtime.robots.robot import Edges, PathCosts, Robot
 from nnpp_edge.runtime.robots.slope.cost import SlopeCost
-from nnpp_edge.runtime.search.astar import Links, Query, Search, Spreading
-from nnpp_edge.runtime.search.region import Region
-from nnpp_edge.runtime.search.workspace import Workspace
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.map.changes import Change
     from nnpp_edge.runtime.map.grid import Grid
     from nnpp_edge.runtime.map.pyramid import Level
     from nnpp_edge.runtime.map.state import MapState
-    from nnpp_edge.runtime.robots.body.attitude import PoseCheck
     from nnpp_edge.runtime.robots.body.search import States
 
 _ROUNDED_DOWN = 1.0 - 1e-6
@@ -49,8 +45,18 @@ _AS_UNDER = (
     "shortest",
     "repairs",
     "poses",
+    "search",
+    "spreading",
+    "stands_at",
+    "complete",
+    "direction",
+    "arrival",
+    "ends",
+    "why_blocked",
+    "why_ended",
+    "explain",
 )
-"""Answers that do not depend on what steps cost."""
+"""Answers that do not depend on what steps cost: those of the robot whose steps these are."""
 _THREADS_FROM = 20_000
 """Cells from which on steps are computed by a thread a core."""
 
@@ -215,30 +221,13 @@ class SlopeRobot(Robot):
     def edges(self, backwards: bool = False) -> Edges:
         return self._edges
 
-    def states(self) -> "States | None":
+    def states(self) -> "States":
         return self._under.states_by(self._edges, self._metre)
-
-    def search(
-        self,
-        grid: "Grid",
-        query: Query,
-        workspace: Workspace,
-        region: Region | None,
-        hints: Hints | None = None,
-        limit: int | None = None,
-    ) -> Search:
-        return self._under.search(grid, query, workspace, region, hints, limit)
-
-    def spreading(self, grid: "Grid", workspace: Workspace, links: Links = None) -> Spreading:
-        return self._under.spreading(grid, workspace, links)
-
-    def stands_at(self, grid: "Grid", cell: Cell) -> bool:
-        return self._under.stands_at(grid, cell)
 
     def walk(
         self, grid: "Grid", path: NDArray[np.int32], first: int, costs: NDArray[np.float64]
     ) -> int:
-        blocked = self._under.walk_turns(grid, path, first, costs, self.states())
+        blocked = self._under.walk_turns(grid, path, first, costs, self._metre)
         cells = path[first:]
         lengths = np.hypot(*(np.diff(cells, axis=0) * self._sides).T)
         with np.errstate(invalid="ignore"):  # wherever steps lead
@@ -280,9 +269,6 @@ class SlopeRobot(Robot):
     def greatest(self, grid: "Grid") -> float:
         return self._greatest
 
-    def complete(self) -> None:
-        self._under.complete()
-
     def coarse(self, shape: Cell, prices: tuple[float, float]) -> Robot:
         return CoarseSlopeRobot(shape, prices)
 
@@ -304,28 +290,6 @@ class SlopeRobot(Robot):
                 coarse.average(finer, level.pieces, area, self.obstacle)
                 yield
             finer = coarse.finer
-
-    # --- as the robot under it
-
-    def direction(self, heading_deg: float) -> int:
-        return self._under.direction(heading_deg)
-
-    def arrival(self, path: NDArray[np.int32]) -> int:
-        return self._under.arrival(path)
-
-    def ends(
-        self, start_deg: float | None, goal_deg: float | None, tolerance_deg: float
-    ) -> tuple[int, NDArray[np.bool_] | None]:
-        return self._under.ends(start_deg, goal_deg, tolerance_deg)
-
-    def why_blocked(self, cell: Cell) -> str:
-        return self._under.why_blocked(cell)
-
-    def why_ended(self, grid: "Grid", start: Cell, goal: Cell, memory: Workspace) -> str:
-        return self._under.why_ended(grid, start, goal, memory)
-
-    def explain(self, cell: Cell, heading_deg: float) -> "PoseCheck":
-        return self._under.explain(cell, heading_deg)
 
     def _compute(self, part: Rectangle) -> None:
         """Compute the steps that leave a rectangle's cells, on all cores where that pays."""
