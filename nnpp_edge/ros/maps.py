@@ -128,13 +128,9 @@ class MapFrame:
         yaw_deg = math.degrees(yaw_rad)
         return (-yaw_deg if self.rows_along_x else yaw_deg + 90.0) % 360.0
 
-    def yaw_rad(self, heading_deg: float) -> float:
-        """The yaw from -π to π of a heading on the map, see `heading_deg`."""
-        return float(self.yaws_rad([heading_deg])[0])
-
-    def yaws_rad(self, headings_deg: Sequence[float] | Floats) -> Floats:
-        """(N,) yaws of headings (N,), see `yaw_rad`."""
-        headings = np.asarray(headings_deg, np.float64)
+    def yaw_rad(self, heading_deg: ArrayLike) -> Floats:
+        """The yaw from -π to π of a heading on the map, or of (N,) headings, see `heading_deg`."""
+        headings = np.asarray(heading_deg, np.float64)
         turned = np.radians(-headings if self.rows_along_x else headings - 90.0)
         return np.arctan2(np.sin(turned), np.cos(turned))
 
@@ -353,7 +349,7 @@ def path_poses(
     """
     points = frame.metres(np.asarray(path, np.int64).reshape(-1, 2))
     if len(headings_deg):
-        return np.column_stack([points, frame.yaws_rad(headings_deg)])
+        return np.column_stack([points, frame.yaw_rad(headings_deg)])
     return _along(points)
 
 
@@ -378,7 +374,7 @@ def arc_poses(answer: PathMessage | Plan, frame: MapFrame) -> Floats:
     across, down, headings, gears = np.array(found).T
     # metres from the middle of cell (0, 0)
     places = np.column_stack((down, across)) / frame.resolution + 0.5
-    return np.column_stack([frame.metres(places), frame.yaws_rad(headings), gears])
+    return np.column_stack([frame.metres(places), frame.yaw_rad(headings), gears])
 
 
 def _along(points: Floats) -> Floats:

@@ -29,7 +29,6 @@ class Frames:
     def __init__(self, node: "Node", global_frame: str) -> None:
         self.global_frame = global_frame
         self._buffer: Any = None
-        self._listener: Any = None
         try:
             import tf2_ros
         except ImportError:
@@ -39,14 +38,14 @@ class Frames:
 
     def close(self) -> None:
         """Listen to transforms no more."""
-        if self._listener is not None:
+        if self._buffer is not None:
             self._listener.unregister()
 
     def place(self, pose: Any, frame_id: str, what: str) -> Place:
         """Of a geometry_msgs/Pose, called `what` in errors: InvalidMessageError for numbers that
         are not finite, no rotation, or a frame of which nothing is known.
         """
-        place = place_of(pose, what)
+        place = _place(pose.position, pose.orientation, what)
         if frame_id == self.global_frame:
             return place
         wanted = f"wanted {what} in the frame {self.global_frame!r}, got one in {frame_id!r}"
@@ -55,32 +54,25 @@ class Frames:
         from rclpy.time import Time
 
         try:
-            found = self._buffer.lookup_transform(self.global_frame, frame_id, Time())
+            found = self._buffer.lookup_transform(self.global_frame, frame_id, Time()).transform
         except Exception as error:  # tf2 has several, of a C++ library
             raise InvalidMessageError(f"{wanted} ({' '.join(str(error).split())})") from None
-        turn = found.transform.rotation
-        shift = found.transform.translation
-        yaw = yaw_of(turn, f"the transform of {frame_id!r}")
-        cos = math.cos(yaw)
-        sin = math.sin(yaw)
-        x = shift.x + cos * place.x - sin * place.y
-        y = shift.y + sin * place.x + cos * place.y
-        return Place(x, y, shift.z + place.z, yaw + place.yaw_rad)
+        moved = _place(found.translation, found.rotation, "a transform")
+        cos = math.cos(moved.yaw_rad)
+        sin = math.sin(moved.yaw_rad)
+        x = moved.x + cos * place.x - sin * place.y
+        y = moved.y + sin * place.x + cos * place.y
+        return Place(x, y, moved.z + place.z, moved.yaw_rad + place.yaw_rad)
 
 
-def place_of(pose: Any, what: str) -> Place:
-    """As `Frames.place`, in the frame that the pose is in."""
-    at = pose.position
-    if not all(math.isfinite(each) for each in (at.x, at.y, at.z)):
-        raise InvalidMessageError(f"wanted {what} at finite metres, got {(at.x, at.y, at.z)}")
-    return Place(at.x, at.y, at.z, yaw_of(pose.orientation, what))
-
-
-def yaw_of(turn: Any, what: str) -> float:
-    """The yaw of a quaternion, radians from x towards y."""
-    parts = (turn.x, turn.y, turn.z, turn.w)
-    length = math.hypot(*parts)
-    if not abs(length - 1.0) <= _UNIT:
-        raise InvalidMessageError(f"wanted {what} with a quaternion of length 1, got {parts}")
-    x, y, z, w = parts
-    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+def _place(at: Any, turn: Any, what: str) -> Place:
+    """Of a point and a quaternion."""
+    metres = (at.x, at.y, at.z)
+    if not all(map(math.isfinite, metres)):
+        raise InvalidMessageError(f"wanted {what} at finite metres, got {metres}")
+    x, y, z, w = (turn.x, turn.y, turn.z, turn.w)
+    if not abs(math.hypot(x, y, z, w) - 1.0) <= _UNIT:
+        raise InvalidMessageError(f"wanted {what} with a unit quaternion, got {(x, y, z, w)}")
+    sin = 2.0 * (w * z + x * y)
+    cos = 1.0 - 2.0 * (y * y + z * z)
+    return Place(*metres, math.atan2(sin, cos))

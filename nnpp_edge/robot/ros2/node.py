@@ -1,6 +1,5 @@
 """The node and its life cycle: configured, active, and back."""
 
-import logging
 import signal
 import threading
 import time
@@ -14,20 +13,19 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.signals import SignalHandlerOptions
 
-from nnpp_edge.robot.ros2.answers import Outlets, RosSink
-from nnpp_edge.robot.ros2.grounds import Located, first_ground, ground_of_grid, vehicle_by
+from nnpp_edge.profiling.profile_file import OnboardLoop
+from nnpp_edge.robot.ros2.answers import RosSink
+from nnpp_edge.robot.ros2.grounds import Located, first_ground, ground_of
 from nnpp_edge.robot.ros2.inputs import RosSource
-from nnpp_edge.robot.ros2.parameters import Parameters, declare, followed, values_of
-from nnpp_edge.robot.ros2.questions import Copies, Questions
-from nnpp_edge.ros.maps import MapFrame, OccupancyGrid
+from nnpp_edge.robot.ros2.parameters import Own, checked, declare, followed, values_of
+from nnpp_edge.robot.ros2.questions import Questions
+from nnpp_edge.ros.maps import OccupancyGrid
 from nnpp_edge.runtime.errors import NnppEdgeError
 from nnpp_edge.runtime.exercises import exercise
-from nnpp_edge.runtime.loop.messages import Counters, PathMessage
 from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.loop.runner import Loop
 
 _DONE = TransitionCallbackReturn.SUCCESS
-_FAILED = TransitionCallbackReturn.FAILURE
 _PATIENCE_S = 5.0
 """For the loop's last tick."""
 _PAUSE_S = 0.002
@@ -44,45 +42,45 @@ class PlannerNode(LifecycleNode):
     forgets the goal, but not the map.
     """
 
-    def __init__(self, name: str = "nnpp_edge", **options: Any) -> None:
-        super().__init__(name, **options)
+    def __init__(self) -> None:
+        super().__init__("nnpp_edge")
         declare(self)
-        self._own = Parameters()
+        self._own = Own()
+        self._pace = OnboardLoop()
         self.add_post_set_parameters_callback(self._follow)
-        self._outlets: Outlets | None = None
-        self._source: RosSource | None = None
-        self._questions: Questions | None = None
-        self._navigator: Navigator | None = None
-        self._frame: MapFrame | None = None
         self._by_topic = False
+        self._located: Located | None = None
+        self._navigator: Navigator | None = None
+        self._sink: RosSink | None = None
+        self._inputs: tuple[RosSource, Questions] | None = None
+        """While it is active."""
         self._running: tuple[Loop, threading.Thread] | None = None
-        self._uncounted = 0
-        """Errors of inputs that came before there was a loop to count them."""
-
-    # --- transitions
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Read what parameters say, load kernels and map, and declare the topics that go out."""
         try:
-            self._own = Parameters.of(values_of(self))
+            self._own, self._pace = checked(values_of(self))
             exercise()
-            _ = vehicle_by(self._own)
             located = first_ground(self._own)
             self._by_topic = located is None
             if located is not None:
                 self._take(located)
         except NnppEdgeError as error:
             self.get_logger().error(f"cannot be configured: {error}")
-            return _FAILED
-        self._outlets = Outlets(self)
+            return TransitionCallbackReturn.FAILURE
+        self._sink = RosSink(self, self._own.global_frame)
         return super().on_configure(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Listen, and begin the loop once there is a map."""
+        assert self._sink is not None
         done = super().on_activate(state)
-        self._source = RosSource(self, lambda: self._own, self._on_grid, self._count_error)
-        self._questions = Questions(self, lambda: self._own, self._source)
-        self._begin()
+        source = RosSource(self, lambda: self._own, self._on_grid, self._count_error)
+        self._inputs = (source, Questions(self, lambda: self._own, source, self._sink))
+        if self._navigator is None:
+            self.get_logger().info("waiting for a map on the topic map")
+        else:
+            self._begin(self._navigator)
         return done
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -103,108 +101,75 @@ class PlannerNode(LifecycleNode):
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         """As a shutdown; the node may be configured again."""
-        self._end()
-        self._give_back()
-        return _DONE
+        return self.on_shutdown(state)
 
     # --- the loop
 
-    @property
-    def counters(self) -> Counters:
-        """Of the loop that runs; those of a new one where none does."""
-        return self._running[0].counters() if self._running else Counters()
-
-    def _take(self, located: Located) -> None:
+    def _take(self, located: Located) -> Navigator:
         """Plan on this map from now on."""
-        ground, frame = located
-        self._navigator = Navigator(ground, **self._own.loop.planning())
-        self._frame = frame
+        self._located = located
+        self._navigator = Navigator(located[0], **self._pace.planning())
+        return self._navigator
 
-    def _begin(self) -> None:
-        """Run the loop in a thread of its own, where there is a map."""
-        navigator = self._navigator
-        if navigator is None or self._frame is None:
-            self.get_logger().info("waiting for a map on the topic map")
-            return
-        source = self._source
-        questions = self._questions
-        outlets = self._outlets
-        assert source is not None and questions is not None and outlets is not None
-        source.begin(navigator, self._frame, by_topic=self._by_topic)
-        sink = RosSink(outlets, source, navigator.map)
-        copies = Copies(navigator)
-        questions.begin(sink, copies)
-
-        def after_tick(message: PathMessage) -> None:
-            copies.after_tick()
-
-        pace = self._own.loop.pace()
-        loop = Loop(navigator, source, [sink], **pace, after_tick=after_tick)
+    def _begin(self, navigator: Navigator) -> None:
+        """Run the loop in a thread of its own."""
+        assert self._inputs is not None and self._sink is not None and self._located is not None
+        source, questions = self._inputs
+        frame = self._located[1]
+        source.begin(navigator, frame, by_topic=self._by_topic)
+        self._sink.begin(source, navigator.map)
+        questions.begin(navigator)
+        loop = Loop(
+            navigator,
+            source,
+            [self._sink],
+            **self._pace.pace(),
+            after_tick=lambda message: questions.after_tick(),
+        )
         thread = threading.Thread(target=loop.run, name="nnpp-edge loop", daemon=True)
         self._running = (loop, thread)
         thread.start()
         rows, cols = navigator.map.shape
         self.get_logger().info(
-            f"ready: {self._own.method} at {self._own.rate_hz:g} Hz, {rows} × {cols} cells of "
-            f"{self._frame.resolution:g} m in {self._frame.frame_id}"
+            f"ready: {self._pace.method} at {self._pace.rate_hz:g} Hz, {rows} × {cols} cells of "
+            f"{frame.resolution:g} m in {frame.frame_id}"
         )
 
     def _end_loop(self) -> None:
-        if self._running is None:
-            return
-        loop, thread = self._running
-        loop.stop()
-        thread.join(_PATIENCE_S)
-        self._running = None
-        if self._navigator is not None:
+        if self._running is not None and self._navigator is not None:
+            loop, thread = self._running
+            loop.stop()
+            thread.join(_PATIENCE_S)
             self._navigator.forget()
+        self._running = None
 
     def _end(self) -> None:
         """End the loop and all that comes in."""
         self._end_loop()
-        for each in (self._questions, self._source):
-            if each is not None:
-                each.close()
-        self._questions = None
-        self._source = None
-        if self._outlets is not None:
-            self._outlets.publish_path(np.empty((0, 4)), self._own.global_frame)
+        for each in self._inputs or ():
+            each.close()
+        if self._inputs is not None and self._sink is not None:
+            self._sink.publish_path(np.empty((0, 4)))
+        self._inputs = None
 
     def _give_back(self) -> None:
-        if self._outlets is not None:
-            self._outlets.close()
-        self._outlets = None
-        self._navigator = None
-        self._frame = None
+        if self._sink is not None:
+            self._sink.close()
+        self._sink = self._navigator = self._located = None
 
     def _on_grid(self, grid: OccupancyGrid) -> None:
         """A map of other cells has come: the loop begins anew on it."""
-        located = ground_of_grid(grid, self._own)
+        located = ground_of(self._own, grid.cost(), grid.frame)
         self._end_loop()
-        self._take(located)
-        self._begin()
+        self._begin(self._take(located))
 
     def _follow(self, changes: list[Any]) -> None:
         """Go by what may be changed while the loop runs."""
         self._own = followed(self._own, self)
 
     def _count_error(self, place: str) -> None:
-        if self._navigator is None:
-            self._uncounted += 1
-        else:
+        if self._navigator is not None:
             self._navigator.count_error(place)
-
-
-class _ToRos(logging.Handler):
-    """Hands on what the package logs to the node's log."""
-
-    def __init__(self, node: PlannerNode) -> None:
-        super().__init__()
-        self._logger = node.get_logger()
-
-    def emit(self, record: logging.LogRecord) -> None:
-        line = self.format(record)
-        (self._logger.error if record.levelno >= logging.ERROR else self._logger.warning)(line)
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -214,30 +179,22 @@ def run(arguments: Sequence[str]) -> int:
     """
     rclpy.init(args=["nnpp-edge", *arguments], signal_handler_options=SignalHandlerOptions.NO)
     node = PlannerNode()
-    handler = _ToRos(node)
-    log = logging.getLogger("nnpp_edge")
-    log.addHandler(handler)
     stopping = threading.Event()
     for each in (signal.SIGTERM, signal.SIGINT):
         signal.signal(each, lambda number, frame: stopping.set())
     executor = SingleThreadedExecutor()
     executor.add_node(node)
-    failed = False
-    try:
-        if node.get_parameter("autostart_node").value:
-            failed = any(
-                change() != _DONE for change in (node.trigger_configure, node.trigger_activate)
-            )
+    changes = [node.trigger_configure, node.trigger_activate]
+    if not node.get_parameter("autostart_node").value:
+        changes = []
+    failed = any(change() != _DONE for change in changes)
+    with suppress(ExternalShutdownException):
         while not (failed or stopping.is_set()):
             executor.spin_once(timeout_sec=0.1)
             time.sleep(_PAUSE_S)
-    except ExternalShutdownException:
-        pass
-    finally:
-        with suppress(Exception):  # it has been shut down by another node
-            node.trigger_shutdown()
-        executor.shutdown()
-        node.destroy_node()
-        log.removeHandler(handler)
-        rclpy.try_shutdown()
+    with suppress(Exception):  # another has shut it down
+        node.trigger_shutdown()
+    executor.shutdown()
+    node.destroy_node()
+    rclpy.try_shutdown()
     return 2 if failed else 0

@@ -132,7 +132,7 @@ class McapLog:
             topic = "/answer" if isinstance(message, PathMessage) else "/status"
             self._write(topic, now, string_message(json.dumps(answer)))
             if isinstance(message, PathMessage):
-                if not _is_rest(message.path, self._last_path):
+                if not is_rest(message.path, self._last_path):
                     poses = path_poses(message.path, self._frame(), message.headings)
                     data = path_message(poses, now)
                     self._write("/path", now, data)
@@ -219,7 +219,7 @@ class McapLog:
                     stream.close()
 
 
-def _is_rest(path: Cells, before: Cells | None) -> bool:
+def is_rest(path: Cells, before: Cells | None) -> bool:
     """Whether a path is the end of the one before."""
     if before is None or (len(before) and not len(path)):
         return False
