@@ -15,7 +15,6 @@ import numpy as np
 
 from nnpp_edge.ros.maps import MapFrame, as_occupancy
 from nnpp_edge.runtime.arrays import Float2D, Floats
-from nnpp_edge.runtime.cells import Cell
 
 FRAME = "map"
 
@@ -103,16 +102,17 @@ def whole_numbers_message(values: Sequence[int] | Floats) -> bytes:
     return bytes(cdr.data + numbers.tobytes())
 
 
-def heights_message(heights: Float2D, corner: Cell, cell_size_m: float, stamp_ns: int) -> bytes:
-    """grid_map_msgs/GridMap with the layer ``elevation``, in metres, NaN where unknown.
+def heights_message(heights: Float2D, frame: MapFrame, stamp_ns: int) -> bytes:
+    """grid_map_msgs/GridMap with the layer ``elevation``, in metres, NaN where unknown, that lies
+    there; rows run with y.
 
     grid_map counts its cells from the corner of largest x and y, x first, and stores columns one
     after another.
     """
     rows, cols = heights.shape
-    cdr = _Cdr(stamp_ns).numbers("d", cell_size_m, cols * cell_size_m, rows * cell_size_m)
-    row, col = corner
-    cdr.pose((col + cols / 2) * cell_size_m, (row + rows / 2) * cell_size_m)
+    side = frame.resolution
+    cdr = _Cdr(stamp_ns).numbers("d", side, cols * side, rows * side)
+    cdr.pose(frame.x + cols / 2 * side, frame.y + rows / 2 * side)
     cdr.numbers("I", 1).string("elevation")  # layers
     cdr.numbers("I", 1).string("elevation")  # basic layers
     cdr.numbers("I", 1, 2)

@@ -214,17 +214,11 @@ class Navigator:
     def _answer_to(self, target: Cell, goal: Cell, tick: Tick) -> PathMessage:
         """The ladder's answer for `target`: the goal, or the place that stands in for it."""
         tick.known = replace(tick.known, goal=target, goal_moved=target != goal)
-        heading = self._heading_at(target)
+        asked = self._goal
+        heading = asked.heading_deg if asked is not None and asked.cell == target else None
         if (target, heading) != (self.planner.goal, self.planner.goal_heading_deg):
             self.planner.set_goal(target, heading)
         return self._ladder.answer(tick)
-
-    def _heading_at(self, target: Cell) -> float | None:
-        """In which a body is to arrive at the goal; None of a place in its stead, or of a point."""
-        goal = self._goal
-        heading = goal.heading_deg if goal is not None and goal.cell == target else None
-        has_headings = heading is not None and self.map.grid.robot.direction(heading) >= 0
-        return heading if has_headings else None
 
     def _as_near_as(self, goal: Cell, start: Cell) -> Cell:
         """Where to go while no path leads to the goal; the goal, once one does."""

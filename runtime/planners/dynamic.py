@@ -181,14 +181,11 @@ class DynamicPlanner(OnMap):
     @one_at_a_time
     def set_goal(self, goal: Cell, heading_deg: float | None = None) -> None:
         """Another goal, in which a body arrives as by `goal_heading_deg` of `PlanOptions`; the
-        standing path is forgotten.
-
-        InvalidQueryError if it is outside the map, or the robot has no heading.
+        standing path is forgotten. InvalidQueryError if it is outside the map.
         """
         cell = as_cell(goal, "goal")
         if not self._state.grid.holds(cell):
             raise InvalidQueryError(f"goal must lie inside the map of {self.shape}, got {cell}")
-        _ = self._arrivals(heading_deg)
         self._goal = cell
         self._goal_heading_deg = heading_deg
         self._path.forget()
@@ -316,7 +313,10 @@ class DynamicPlanner(OnMap):
 
     def _arrivals(self, heading_deg: float | None) -> Bool | None:
         """Directions in which the goal may be arrived at; None for any."""
-        return self._state.grid.robot.ends(None, heading_deg, 0.0)[1]
+        robot = self._state.grid.robot
+        if heading_deg is None or robot.direction(heading_deg) < 0:
+            return None
+        return robot.ends(None, heading_deg, 0.0)[1]
 
     def _where(self) -> Cell:
         if self._start is None:

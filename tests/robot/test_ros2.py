@@ -217,7 +217,7 @@ class Node:
 
         def says(message):
             (status,) = message["status"]
-            values = [f"{pair['key']}: {pair['value']}" for pair in status["values"]]
+            values = [pair["value"] for pair in status["values"]]
             return any(words in each for each in (status["message"], *values))
 
         return self.peer.wait("/diagnostics", says)
@@ -490,7 +490,7 @@ def test_a_life_of_two_rounds_through_all_states(node, peer):
         assert len(node.path())
         assert node.change(4) and node.change(2)
         assert node.state == "unconfigured"
-    assert node.set(radius_m=0.0, vehicle="no-such.toml") == []
+    assert node.set(vehicle="no-such.toml") == []
     assert not node.change(1)
     node.said("cannot be configured: wanted a vehicle's file or the name of a shipped one")
     assert node.state == "unconfigured"

@@ -113,7 +113,7 @@ def a_grid_map(rng, stamp, frame_id):
         MultiArrayDimension(label="row_index", size=cols, stride=cols),
     ]
     message.data = [layer]
-    return message, heights_message(heights, (row, col), 0.5, stamp)
+    return message, heights_message(heights, MapFrame(0.5, 0.5 * col, 0.5 * row), stamp)
 
 
 @pytest.mark.parametrize(

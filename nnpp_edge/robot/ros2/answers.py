@@ -1,6 +1,6 @@
 """The loop's answers as topics. Long ones are written as bytes by NumPy, which holds nobody up."""
 
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -58,6 +58,8 @@ class RosSink:
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._node = node
         self._frame = MapFrame(1.0, frame_id=frame_id)
+        self.newest: PathMessage | None = None
+        """The newest answer."""
         self._publishers = {
             topic: node.create_lifecycle_publisher(found, topic, latched)
             for topic, kind in TOPICS.items()
@@ -74,8 +76,7 @@ class RosSink:
         self._due = False
         self._shown_version = -1
         self._counted: dict[str, Any] = {}
-        self.newest: PathMessage | None = None
-        """The newest answer."""
+        self.newest = None
 
     def publish(self, message: Output) -> None:
         """Publish an answer."""
@@ -83,8 +84,6 @@ class RosSink:
             self._due = True
             self._publish_state(message)
             return
-        if message.outcome is Status.NO_POSE and self._source.trouble:
-            message = replace(message, reason=self._source.trouble)
         self.newest = message
         walked = message.walked
         if self._due or not is_rest(walked, self._walked):
@@ -154,13 +153,10 @@ class RosSink:
         text = "; more ".join([message.text, *worse])
         if message.outcome not in _IDLE and self.newest is not None:
             level = DiagnosticStatus.ERROR
-            text = f"{message.outcome}: {self.newest.reason}"
-        values: dict[str, object] = {"outcome": message.outcome, **counts}
-        values |= {f"refused {topic}": why for topic, why in list(self._source.refused.items())}
-        pairs = []
-        for name, value in values.items():
-            for kind, each in value.items() if isinstance(value, dict) else [("", value)]:
-                pairs.append(KeyValue(key=f"{name} {kind}".rstrip(), value=str(each)))
+            text = f"{message.outcome}: {self._source.trouble or self.newest.reason}"
+        refused = "; ".join(map(": ".join, list(self._source.refused.items())))
+        values = {"outcome": message.outcome, "refused": refused, **counts}
+        pairs = [KeyValue(key=name, value=str(value)) for name, value in values.items()]
         status = DiagnosticStatus(level=level, name="nnpp_edge: planning", message=text)
         status.values = pairs
         return DiagnosticArray(header=self._header(), status=[status])

@@ -9,7 +9,6 @@ from nnpp_edge.ros.maps import MapFrame
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
-from nnpp_edge.terrain.array_files import read_cost_map
 from nnpp_edge.terrain.dem import Dem, read_dem
 from nnpp_edge.terrain.vehicle_files import read_vehicle, vehicle_of
 from nnpp_edge.terrain.workloads import SAFE, SOFT, workload
@@ -26,11 +25,7 @@ def first_ground(own: Own) -> Located | None:
     vehicle = _vehicle(own)
     is_body = vehicle is not None and not vehicle.is_disc
     if own.map_file:
-        path = Path(own.map_file)
-        costs = read_cost_map(path)
-        if costs is not None:
-            return ground_of(own, costs[0], MapFrame(costs[1], frame_id=own.global_frame))
-        heights, frame = _laid_out(read_dem(path), own.global_frame)
+        heights, frame = _laid_out(read_dem(own.map_file), own.global_frame)
     elif own.map_size_m:
         cells = max(round(own.map_size_m / own.resolution), 1)
         corner = -0.5 * cells * own.resolution

@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from nnpp_edge.robot.ros2.frames import Frames, Place
-from nnpp_edge.robot.ros2.parameters import Own
 from nnpp_edge.ros.maps import GridMap, MapFrame, OccupancyGrid, grid_map_patch, occupancy_patch
 from nnpp_edge.runtime.errors import InvalidMapError, NnppEdgeError
 from nnpp_edge.runtime.loop.connections import Mailbox
 from nnpp_edge.runtime.loop.messages import Goal, Input, InvalidMessageError, MapPatch, Pose
 from nnpp_edge.runtime.loop.navigator import Navigator
-from nnpp_edge.runtime.loop.workers import CountError
 
 if TYPE_CHECKING:
     from rclpy.node import Node
+
+    from nnpp_edge.robot.ros2.node import PlannerNode
 
 _LOG_EVERY_S = 5.0
 """A line of each topic that is refused; all are counted."""
@@ -44,24 +44,15 @@ class RosSource:
     """Subscriptions of a node, and the inputs of the loop that came by them.
 
     `on_grid` is called with an occupancy grid that is a new map rather than a part of the loop's.
-    Until `begin` says on which map the loop runs, the newest pose and goal wait. Messages that are
-    refused are counted by `count_error`.
+    Until `begin` says on which map the loop runs, the newest pose and goal wait.
     """
 
-    def __init__(
-        self,
-        node: "Node",
-        own: Callable[[], Own],
-        on_grid: Callable[[OccupancyGrid], None],
-        count_error: CountError,
-    ) -> None:
+    def __init__(self, node: "PlannerNode", on_grid: Callable[[OccupancyGrid], None]) -> None:
         self._node = node
-        self._own = own
         self._on_grid = on_grid
-        self._count_error = count_error
         self.refused: dict[str, str] = {}
         """Why the newest message was refused, by topic; of those whose newest one was."""
-        self.frames = Frames(node, own().global_frame)
+        self.frames = Frames(node, node.own.global_frame)
         self._mailbox = Mailbox()
         self._navigator: Navigator | None = None
         self.frame: MapFrame | None = None
@@ -95,7 +86,7 @@ class RosSource:
         is forgotten.
         """
         now = time.monotonic()
-        own = self._own()
+        own = self._node.own
         self.trouble = ""
         for what, limit_s in (("pose", own.odom_timeout_s), ("map", own.map_timeout_s)):
             old_s = now - self._came[what]
@@ -146,14 +137,14 @@ class RosSource:
             getattr(self, f"_on_{topic}")(message)
         except NnppEdgeError as error:
             self.refused[topic] = str(error)
-            self._count_error("input")
+            self._count("input")
             line = f"{topic} was refused: {error}"
             self._node.get_logger().warning(line, throttle_duration_sec=_LOG_EVERY_S)
         else:
             self.refused.pop(topic, None)
 
     def _on_odom(self, message: Any) -> None:
-        base = self._own().robot_base_frame
+        base = self._node.own.robot_base_frame
         child = message.child_frame_id
         if base and child not in ("", base):
             raise InvalidMessageError(f"wanted the robot's frame {base!r}, got {child!r}")
@@ -217,9 +208,13 @@ class RosSource:
     def _on_elevation_map(self, message: Any) -> None:
         if self.frame is None or self._by_topic:
             raise InvalidMapError("wanted map_size_m or map_file for elevations, got neither")
-        self._put(grid_map_patch(GridMap.of_message(message), self.frame, self._own().layer))
+        self._put(grid_map_patch(GridMap.of_message(message), self.frame, self._node.own.layer))
 
     def _put(self, patch: MapPatch) -> None:
         self._came["map"] = time.monotonic()
         for _ in range(self._mailbox.put(patch, when_full="drop oldest")):
-            self._count_error("input dropped")
+            self._count("input dropped")
+
+    def _count(self, error: str) -> None:
+        if self._navigator is not None:
+            self._navigator.count_error(error)

@@ -45,7 +45,8 @@ class PlannerNode(LifecycleNode):
     def __init__(self) -> None:
         super().__init__("nnpp_edge")
         declare(self)
-        self._own = Own()
+        self.own = Own()
+        """What it was configured with."""
         self._pace = OnboardLoop()
         self.add_post_set_parameters_callback(self._follow)
         self._by_topic = False
@@ -59,24 +60,24 @@ class PlannerNode(LifecycleNode):
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Read what parameters say, load kernels and map, and declare the topics that go out."""
         try:
-            self._own, self._pace = checked(values_of(self))
+            self.own, self._pace = checked(values_of(self))
             exercise()
-            located = first_ground(self._own)
+            located = first_ground(self.own)
             self._by_topic = located is None
             if located is not None:
                 self._take(located)
         except NnppEdgeError as error:
             self.get_logger().error(f"cannot be configured: {error}")
             return TransitionCallbackReturn.FAILURE
-        self._sink = RosSink(self, self._own.global_frame)
+        self._sink = RosSink(self, self.own.global_frame)
         return super().on_configure(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Listen, and begin the loop once there is a map."""
         assert self._sink is not None
         done = super().on_activate(state)
-        source = RosSource(self, lambda: self._own, self._on_grid, self._count_error)
-        self._inputs = (source, Questions(self, lambda: self._own, source, self._sink))
+        source = RosSource(self, self._on_grid)
+        self._inputs = (source, Questions(self, source, self._sink))
         if self._navigator is None:
             self.get_logger().info("waiting for a map on the topic map")
         else:
@@ -159,17 +160,13 @@ class PlannerNode(LifecycleNode):
 
     def _on_grid(self, grid: OccupancyGrid) -> None:
         """A map of other cells has come: the loop begins anew on it."""
-        located = ground_of(self._own, grid.cost(), grid.frame)
+        located = ground_of(self.own, grid.cost(), grid.frame)
         self._end_loop()
         self._begin(self._take(located))
 
     def _follow(self, changes: list[Any]) -> None:
         """Go by what may be changed while the loop runs."""
-        self._own = followed(self._own, self)
-
-    def _count_error(self, place: str) -> None:
-        if self._navigator is not None:
-            self._navigator.count_error(place)
+        self.own = followed(self.own, self)
 
 
 def run(arguments: Sequence[str]) -> int:

@@ -36,7 +36,7 @@ class Own(Table, frozen=True, kw_only=True):
         str, Meta(description="Frame of the robot, child of the odometry; empty for any.")
     ] = "base_link"
     map_file: Annotated[
-        str, Meta(description="Elevation map, or an .npz of `nnpp-edge costmap`, to begin with.")
+        str, Meta(description="Elevation map to begin with, in place of map_size_m.")
     ] = ""
     map_size_m: Annotated[
         _Metres,
@@ -55,9 +55,9 @@ class Own(Table, frozen=True, kw_only=True):
         str,
         Meta(description="small-rover, large-rover, tracked, or a TOML file; empty for a point."),
     ] = ""
-    radius_m: Annotated[
-        _Metres, Meta(description="Of a disc in place of a vehicle, on costs; 0: a point.")
-    ] = 0.0
+    radius_m: Annotated[_Metres, Meta(description="Of a disc, without a vehicle; 0: a point.")] = (
+        0.0
+    )
     workload: Annotated[
         str, Meta(description="Limits of ground: safe, soft or limitN; empty as `nnpp-edge run`.")
     ] = ""
@@ -70,11 +70,6 @@ class Own(Table, frozen=True, kw_only=True):
     planner_patience_s: Annotated[
         _Seconds, Meta(description="Longest work on a service's or an action's plan.")
     ] = 5.0
-
-    def __post_init__(self) -> None:
-        fits = not (self.map_file and self.map_size_m)
-        self.refuse_unless(fits, "map_file", "either map_file or map_size_m")
-        self.refuse_unless(not (self.vehicle and self.radius_m), "radius_m", "0 with a vehicle")
 
 
 _OF_LOOP = {

@@ -12,7 +12,6 @@ import numpy as np
 from nnpp_edge.robot.ros2.answers import RosSink, poses_of
 from nnpp_edge.robot.ros2.frames import Place
 from nnpp_edge.robot.ros2.inputs import RosSource, message_type
-from nnpp_edge.robot.ros2.parameters import Own
 from nnpp_edge.ros.messages import path_message
 from nnpp_edge.runtime.arrays import Floats
 from nnpp_edge.runtime.errors import NnppEdgeError, Status
@@ -21,7 +20,7 @@ from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
 
 if TYPE_CHECKING:
-    from rclpy.node import Node
+    from nnpp_edge.robot.ros2.node import PlannerNode
 
 _PLANNERS = ("", "nnpp_edge", "GridBased")
 """Names that requests may have for the planner; the last is that of Nav2's trees."""
@@ -52,13 +51,10 @@ class Questions:
     elsewhere, or by way of several poses, are made on a copy of the loop's planner.
     """
 
-    def __init__(
-        self, node: "Node", own: Callable[[], Own], source: RosSource, sink: RosSink
-    ) -> None:
+    def __init__(self, node: "PlannerNode", source: RosSource, sink: RosSink) -> None:
         from nav_msgs.srv import GetPlan
 
         self._node = node
-        self._own = own
         self._source = source
         self._sink = sink
         self._navigator: Navigator | None = None
@@ -102,7 +98,8 @@ class Questions:
         async def execute(handle: Any) -> Any:
             began = time.monotonic()
             result = found.Result()
-            given = await self._work(lambda: answer(handle.request), name)
+            asked = handle.request
+            given = await self._work(lambda: answer(asked), name, asked.planner_id)
             result.path = self._path(given)
             seconds = time.monotonic() - began
             result.planning_time.sec = int(seconds)
@@ -124,15 +121,18 @@ class Questions:
         response.plan = self._path(await self._work(lambda: self._between(*ends), "get_plan"))
         return response
 
-    async def _work(self, work: Callable[[], _Given], name: str) -> _Given:
+    async def _work(self, work: Callable[[], _Given], name: str, planner: str = "") -> _Given:
         """Do it in the thread for that, one question after another."""
         from rclpy.task import Future as RosFuture
 
         future: Any = RosFuture(executor=self._node.executor)
 
         def do() -> None:
+            wanted = f"wanted the planner {' or '.join(_PLANNERS[1:])}, got {planner!r}"
+            given = _Given(error="INVALID_PLANNER", reason=wanted)
             try:
-                given = work()
+                if planner in _PLANNERS:
+                    given = work()
             except NnppEdgeError as error:  # of a pose
                 given = _Given(error="TF_ERROR", reason=str(error))
             except Exception as error:
@@ -156,31 +156,24 @@ class Questions:
     # --- the loop's side, in the thread of the questions
 
     def _to_pose(self, request: Any) -> _Given:
-        if request.planner_id not in _PLANNERS:
-            return _no_planner(request.planner_id)
         if request.use_start:
             return self._between(request.start, request.goal)
         goal = self._place(request.goal, "a goal")
-        frame = self._source.frame
-        if frame is None:
-            return _Given(error="UNKNOWN", reason="there is no map yet")
         # the tick that runs now has perhaps read its inputs: the one after it has this goal
         newest = self._sink.newest
         tick = 1 + (newest.tick if newest else 0)
         self._source.set_goal(goal)
-        until = time.monotonic() + self._own().planner_patience_s
+        until = time.monotonic() + self._node.own.planner_patience_s
         while time.monotonic() < until:
             answer = self._sink.newest
             if answer and answer.tick > tick and answer.outcome is not Status.TIMEOUT:
-                if answer.ok:
-                    return _Given(poses_of(answer, frame, goal))
+                if answer.ok and self._source.frame is not None:
+                    return _Given(poses_of(answer, self._source.frame, goal))
                 return _failed(answer.outcome, answer.reason)
             time.sleep(_LOOK_EVERY_S)
         return _failed(Status.TIMEOUT, "the loop has not answered in time")
 
     def _through_poses(self, request: Any) -> _Given:
-        if request.planner_id not in _PLANNERS:
-            return _no_planner(request.planner_id)
         goals = getattr(request.goals, "goals", request.goals)  # a list before ROS 2 Kilted
         if not goals:
             return _Given(error="NO_VIAPOINTS_GIVEN", reason="wanted goals, got none")
@@ -200,7 +193,7 @@ class Questions:
 
     def _planned(self, stops: Sequence[Place]) -> _Given:
         """Legs from place to place, on a copy of the loop's planner."""
-        patience_s = self._own().planner_patience_s
+        patience_s = self._node.own.planner_patience_s
         until = time.monotonic() + patience_s
         wanted: Future[DynamicPlanner] = Future()
         self._copies.append(wanted)
@@ -230,8 +223,3 @@ class Questions:
 
 def _failed(status: Status, reason: str) -> _Given:
     return _Given(error=_ERRORS.get(status, str(status)), reason=reason)
-
-
-def _no_planner(name: str) -> _Given:
-    reason = f"wanted the planner {' or '.join(_PLANNERS[1:])}, got {name!r}"
-    return _Given(error="INVALID_PLANNER", reason=reason)

@@ -111,12 +111,8 @@ class McapLog:
                 self._write("/goal", stamp, data)
             else:
                 of_heights = message.cost is None
-                if of_heights:
-                    data = heights_message(message.values, (message.row, message.col), *as_ros)
-                else:
-                    data = grid_message(
-                        message.values, self._frame(message.row, message.col), stamp
-                    )
+                write = heights_message if of_heights else grid_message
+                data = write(message.values, self._frame(message.row, message.col), stamp)
                 self._write("/elevation_patch" if of_heights else "/map_patch", stamp, data)
                 self._heights_came |= of_heights
             self._tidy()
