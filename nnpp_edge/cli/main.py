@@ -41,6 +41,7 @@ COMMANDS = {
     "profile": "Measure the planners against budgets or other libraries.",
     "simulate": "Drive a simulated robot with the onboard loop.",
     "run": "Plan at a fixed rate, from messages to messages.",
+    "ros": "Plan at a fixed rate, as a ROS 2 node.",
     "models": "List the shipped models, or show one in full.",
     "warmup": "Compile the kernels ahead of the first plan.",
 }
@@ -48,6 +49,7 @@ COMMANDS = {
 
 _EXTRAS = {
     "geo": ("rasterio",),
+    "ros": ("rclpy",),
     "robot": ("mcap", "prometheus_client", "zenoh"),
     "vector": ("pyogrio", "pyproj"),
     "train": ("torch", "onnx", "onnxscript", "safetensors"),

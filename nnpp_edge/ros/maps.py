@@ -32,7 +32,20 @@ from nnpp_edge.runtime.arguments import checked, is_real
 from nnpp_edge.runtime.arrays import Cells, Float2D, Floats, as_map
 from nnpp_edge.runtime.cells import Cell, Shape
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, shown
-from nnpp_edge.runtime.loop.messages import MapPatch
+from nnpp_edge.runtime.loop.messages import MapPatch, PathMessage
+from nnpp_edge.runtime.planners.plan import Plan
+
+__all__ = [
+    "GridMap",
+    "MapFrame",
+    "OccupancyGrid",
+    "arc_poses",
+    "as_occupancy",
+    "grid_map_patch",
+    "occupancy_patch",
+    "path_poses",
+    "placed",
+]
 
 UNKNOWN = -1
 MOST_PASSABLE = 98
@@ -107,6 +120,19 @@ class MapFrame:
         """The cell that holds a point; it may lie outside the map."""
         row, col = np.floor(self.places((x, y))[0])
         return int(row), int(col)
+
+    def heading_deg(self, yaw_rad: float) -> float:
+        """The heading on the map, in degrees clockwise from up the rows from 0 to 360, of a yaw
+        counted from x towards y, as in ROS.
+        """
+        yaw_deg = math.degrees(yaw_rad)
+        return (-yaw_deg if self.rows_along_x else yaw_deg + 90.0) % 360.0
+
+    def yaw_rad(self, heading_deg: ArrayLike) -> Floats:
+        """The yaw from -π to π of a heading on the map, or of (N,) headings, see `heading_deg`."""
+        headings = np.asarray(heading_deg, np.float64)
+        turned = np.radians(-headings if self.rows_along_x else headings - 90.0)
+        return np.arctan2(np.sin(turned), np.cos(turned))
 
 
 @checked(InvalidMapError)
@@ -322,17 +348,43 @@ def path_poses(
     and w = cos(heading / 2).
     """
     points = frame.metres(np.asarray(path, np.int64).reshape(-1, 2))
-    heading = np.zeros(len(points))
     if len(headings_deg):
-        angles = np.radians(np.asarray(headings_deg, np.float64))
-        ahead = frame.metres(np.column_stack((-np.cos(angles), np.sin(angles))))
-        ahead -= frame.metres((0.0, 0.0))
-        heading = np.arctan2(ahead[:, 1], ahead[:, 0])
-    elif len(points) > 1:
+        return np.column_stack([points, frame.yaw_rad(headings_deg)])
+    return _along(points)
+
+
+def arc_poses(answer: PathMessage | Plan, frame: MapFrame) -> Floats:
+    """The poses (N, 4) of an answer on its way: x, y and yaw as of `path_poses`, and the gear: 1
+    forwards, -1 backwards, 0 where it turns on the spot.
+
+    Of a body that drives arcs every 0.25 m or nearer, and every 15° of a turn on the spot; of
+    others the way points where its path was freed from the grid, else the middles of its cells. The
+    last pose has the gear in which it is come to. Empty (0, 4) without a path.
+    """
+    if not answer.arcs:
+        if answer.waypoints is None:
+            poses = path_poses(answer.path, frame)
+        else:
+            poses = _along(frame.metres(answer.waypoints + 0.5))
+        return np.column_stack([poses, np.ones(len(poses))])
+    first = answer.arcs[0]
+    found = [(*first.start_pose, first.gear)]
+    for arc in answer.arcs:
+        found += [(*pose, arc.gear) for pose in arc.poses]
+    across, down, headings, gears = np.array(found).T
+    # metres from the middle of cell (0, 0)
+    places = np.column_stack((down, across)) / frame.resolution + 0.5
+    return np.column_stack([frame.metres(places), frame.yaw_rad(headings), gears])
+
+
+def _along(points: Floats) -> Floats:
+    """(N, 3) points (N, 2), each with the yaw to the next, the last as it is come to."""
+    yaws = np.zeros(len(points))
+    if len(points) > 1:
         steps = np.diff(points, axis=0)
-        heading[:-1] = np.arctan2(steps[:, 1], steps[:, 0])
-        heading[-1] = heading[-2]
-    return np.column_stack([points, heading])
+        yaws[:-1] = np.arctan2(steps[:, 1], steps[:, 0])
+        yaws[-1] = yaws[-2]
+    return np.column_stack([points, yaws])
 
 
 def _cells(length: float, side: float) -> int:

@@ -1,8 +1,8 @@
 """A few ROS 2 messages as their definitions and as CDR bytes, without ROS.
 
-Cells become metres as x = (column + ½) · cell size and y = (row + ½) · cell size in the frame
-``map``, z = 0. Arrays are written by NumPy, so that encoding a map or a long path does not hold up
-the planning thread: a path of 400 poses takes 0.07 ms, and 6 to 7 ms with rosbags or
+In logs cells become metres as x = (column + ½) · cell size and y = (row + ½) · cell size in the
+frame ``map``; z = 0. Arrays are written by NumPy, so that encoding a map or a long path does not
+hold up the planning thread: a path of 400 poses takes 0.07 ms, and 6 to 7 ms with rosbags or
 mcap-ros2-support, which write each pose by itself.
 """
 
@@ -13,9 +13,8 @@ from typing import Self
 
 import numpy as np
 
-from nnpp_edge.ros.maps import MapFrame, as_occupancy, path_poses
-from nnpp_edge.runtime.arrays import Cells, Float2D
-from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.ros.maps import MapFrame, as_occupancy
+from nnpp_edge.runtime.arrays import Float2D, Floats
 
 FRAME = "map"
 
@@ -62,31 +61,24 @@ def definition(name: str) -> str:
     return "\n".join([_PARTS[name], *rest, ""])
 
 
-def path_message(
-    cells: Cells,
-    cell_size_m: float,
-    stamp_ns: int,
-    headings_deg: Sequence[float] = (),
-) -> bytes:
-    """nav_msgs/Path of (N, 2) cells; poses head for the next, the last as it is arrived at, or as
-    `path_poses`.
-    """
-    cdr = _Cdr(stamp_ns).numbers("I", len(cells))
-    if len(cells):
-        x, y, heading = path_poses(cells, MapFrame(cell_size_m), headings_deg).T
-        cdr.time(stamp_ns).string(FRAME).pose(x[0], y[0], heading[0])
+def path_message(poses: Floats, stamp_ns: int, frame_id: str = FRAME) -> bytes:
+    """nav_msgs/Path of poses (N, 3), x, y and yaw, as of `maps.path_poses`."""
+    cdr = _Cdr(stamp_ns, frame_id).numbers("I", len(poses))
+    if len(poses):
+        x, y, yaw = poses.T
+        cdr.time(stamp_ns).string(frame_id).pose(x[0], y[0], yaw[0])
         # each further pose begins at a multiple of eight bytes, so all of them are laid out alike
-        head = _Cdr(stamp_ns).data[4:]
+        head = _Cdr(stamp_ns, frame_id).data[4:]
         head += bytes(-len(head) % 8)
         kind = np.dtype([("head", f"V{len(head)}"), ("pose", "<f8", 7)])
-        poses = np.zeros(len(cells) - 1, kind)
-        poses["head"] = np.void(bytes(head))
-        half = 0.5 * heading[1:]
-        poses["pose"][:, 0] = x[1:]
-        poses["pose"][:, 1] = y[1:]
-        poses["pose"][:, 5] = np.sin(half)
-        poses["pose"][:, 6] = np.cos(half)
-        cdr.data += poses.tobytes()
+        rest = np.zeros(len(poses) - 1, kind)
+        rest["head"] = np.void(bytes(head))
+        half = 0.5 * yaw[1:]
+        rest["pose"][:, 0] = x[1:]
+        rest["pose"][:, 1] = y[1:]
+        rest["pose"][:, 5] = np.sin(half)
+        rest["pose"][:, 6] = np.cos(half)
+        cdr.data += rest.tobytes()
     return bytes(cdr.data)
 
 
@@ -95,27 +87,32 @@ def pose_message(row: float, col: float, cell_size_m: float, stamp_ns: int) -> b
     return bytes(_Cdr(stamp_ns).pose(col * cell_size_m, row * cell_size_m).data)
 
 
-def grid_message(cost: Float2D, corner: Cell, cell_size_m: float, stamp_ns: int) -> bytes:
-    """nav_msgs/OccupancyGrid of the part of the map (h, w) whose first cell is `corner`, (row,
-    col).
-    """
-    row, col = corner
-    cdr = _Cdr(stamp_ns).time(stamp_ns).numbers("f", cell_size_m)
+def grid_message(cost: Float2D, frame: MapFrame, stamp_ns: int) -> bytes:
+    """nav_msgs/OccupancyGrid of costs (h, w) that lie there; rows run with y."""
+    cdr = _Cdr(stamp_ns, frame.frame_id or FRAME).time(stamp_ns).numbers("f", frame.resolution)
     cdr.numbers("I", cost.shape[1], cost.shape[0])
-    cdr.pose(col * cell_size_m, row * cell_size_m).numbers("I", cost.size)
+    cdr.pose(frame.x, frame.y).numbers("I", cost.size)
     return bytes(cdr.data + as_occupancy(cost).tobytes())
 
 
-def heights_message(heights: Float2D, corner: Cell, cell_size_m: float, stamp_ns: int) -> bytes:
-    """grid_map_msgs/GridMap with the layer ``elevation``, in metres, NaN where unknown.
+def whole_numbers_message(values: Sequence[int] | Floats) -> bytes:
+    """std_msgs/Int8MultiArray of one dimension."""
+    numbers = np.asarray(values).astype(np.int8)
+    cdr = _Cdr().numbers("I", 0, 0, numbers.size)  # dimensions, offset
+    return bytes(cdr.data + numbers.tobytes())
+
+
+def heights_message(heights: Float2D, frame: MapFrame, stamp_ns: int) -> bytes:
+    """grid_map_msgs/GridMap with the layer ``elevation``, in metres, NaN where unknown, that lies
+    there; rows run with y.
 
     grid_map counts its cells from the corner of largest x and y, x first, and stores columns one
     after another.
     """
     rows, cols = heights.shape
-    cdr = _Cdr(stamp_ns).numbers("d", cell_size_m, cols * cell_size_m, rows * cell_size_m)
-    row, col = corner
-    cdr.pose((col + cols / 2) * cell_size_m, (row + rows / 2) * cell_size_m)
+    side = frame.resolution
+    cdr = _Cdr(stamp_ns).numbers("d", side, cols * side, rows * side)
+    cdr.pose(frame.x + cols / 2 * side, frame.y + rows / 2 * side)
     cdr.numbers("I", 1).string("elevation")  # layers
     cdr.numbers("I", 1).string("elevation")  # basic layers
     cdr.numbers("I", 1, 2)
@@ -135,10 +132,10 @@ class _Cdr:
     of the head.
     """
 
-    def __init__(self, stamp_ns: int | None = None) -> None:
+    def __init__(self, stamp_ns: int | None = None, frame_id: str = FRAME) -> None:
         self.data = bytearray(b"\x00\x01\x00\x00")
         if stamp_ns is not None:
-            self.time(stamp_ns).string(FRAME)
+            self.time(stamp_ns).string(frame_id)
 
     def numbers(self, form: str, *values: float) -> Self:
         self.data += bytes(-(len(self.data) - 4) % struct.calcsize(form))

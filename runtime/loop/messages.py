@@ -102,10 +102,7 @@ class Pose:
     """In which a body stands, clockwise from grid north; None: a path begins in any direction."""
 
     def __post_init__(self) -> None:
-        numbers = ["row", "col", "stamp"]
-        if self.heading_deg is not None:
-            numbers.append("heading_deg")
-        _check_numbers(self, [], numbers)
+        _check_numbers(self, [], ["row", "col", "stamp", *_given(self)])
 
     @property
     def cell(self) -> Cell:
@@ -115,14 +112,18 @@ class Pose:
 
 @dataclass(frozen=True)
 class Goal:
-    """Where to go, in cells. InvalidMessageError unless both are whole numbers."""
+    """Where to go, in cells. InvalidMessageError unless both are whole numbers, and the rest is
+    finite.
+    """
 
     row: int
     col: int
     stamp: float = 0.0
+    heading_deg: float | None = None
+    """In which a body is to arrive, clockwise from up the rows; None: in any. A point has none."""
 
     def __post_init__(self) -> None:
-        _check_numbers(self, ["row", "col"], ["stamp"])
+        _check_numbers(self, ["row", "col"], ["stamp", *_given(self)])
 
     @property
     def cell(self) -> Cell:
@@ -294,6 +295,11 @@ class StatusMessage:
 
 
 Output = PathMessage | StatusMessage
+
+
+def _given(message: Pose | Goal) -> list[str]:
+    """The heading's name, where there is one."""
+    return [] if message.heading_deg is None else ["heading_deg"]
 
 
 def _check_numbers(message: Input, whole: Sequence[str], finite: Sequence[str]) -> None:

@@ -131,6 +131,15 @@ class Navigator:
         else:
             self._goal = message
 
+    def forget(self, *, pose: bool = True, goal: bool = True) -> None:
+        """Forget where the robot is, and where it is to go, as before the first came; for the
+        thread that calls `tick`, or while there is none.
+        """
+        if pose:
+            self._pose = None
+        if goal:
+            self._goal = None
+
     def count_error(self, place: str) -> None:
         """Count an error that was caught; from any thread."""
         with self._inbox:
@@ -205,8 +214,10 @@ class Navigator:
     def _answer_to(self, target: Cell, goal: Cell, tick: Tick) -> PathMessage:
         """The ladder's answer for `target`: the goal, or the place that stands in for it."""
         tick.known = replace(tick.known, goal=target, goal_moved=target != goal)
-        if target != self.planner.goal:
-            self.planner.set_goal(target)
+        asked = self._goal
+        heading = asked.heading_deg if asked is not None and asked.cell == target else None
+        if (target, heading) != (self.planner.goal, self.planner.goal_heading_deg):
+            self.planner.set_goal(target, heading)
         return self._ladder.answer(tick)
 
     def _as_near_as(self, goal: Cell, start: Cell) -> Cell:

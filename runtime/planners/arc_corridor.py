@@ -72,7 +72,7 @@ class ArcCorridor:
         Where no such way is found soon, the robot goes on along the path, if it is on it and all of
         it is clear.
         """
-        promised = self._kept.cost_from(query.start, query.goal)
+        promised = self._kept.cost_from(query)
         if promised == math.inf:
             return None
         ahead = min(max(JOIN_AHEAD, rest.clear + JOIN_BEHIND), len(rest.states) - 1)
@@ -89,7 +89,7 @@ class ArcCorridor:
 
     def _by_kept_field(self, query: Query, work: Work) -> Found | None:
         """A good path by the costs to go that are kept; None without one."""
-        if self._kept.cost_from(query.start, query.goal) == math.inf:
+        if self._kept.cost_from(query) == math.inf:
             return None
         search = work.searched(self._kept.search(query))
         if search.status is not Status.OK:
@@ -125,7 +125,7 @@ class ArcCorridor:
 
     def _keep(self, query: Query, found: Found) -> None:
         if self._repeated:
-            self._kept.keep(query.goal, found.region, found.search, found.cost)
+            self._kept.keep(query, found.region, found.search, found.cost)
 
 
 def _doubtful(found: Found) -> bool:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Unpack
 import numpy as np
 
 from nnpp_edge.runtime.arguments import checked
-from nnpp_edge.runtime.arrays import Cells, Float2D
+from nnpp_edge.runtime.arrays import Bool, Cells, Float2D
 from nnpp_edge.runtime.cells import Cell, as_cell
 from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -87,6 +87,7 @@ class DynamicPlanner(OnMap):
         self.method = DynamicMethod(method)
         self._start: Cell | None = None
         self._heading_deg: float | None = None
+        self._goal_heading_deg: float | None = None
         self._standing: Plan | None = None
         super().__init__(cost, cell_size_m, options, tell_unknown=True)
         self._refines = self._frees(refine)
@@ -151,7 +152,14 @@ class DynamicPlanner(OnMap):
         """The map, the model, the ends, and the standing path: a copy begins anew with these."""
         own = {
             name: getattr(self, name)
-            for name in ("_refines", "_start", "_heading_deg", "_goal", "method")
+            for name in (
+                "_refines",
+                "_start",
+                "_heading_deg",
+                "_goal",
+                "_goal_heading_deg",
+                "method",
+            )
         }
         return super().__getstate__() | own | {"_standing": self._path.plan}
 
@@ -161,19 +169,25 @@ class DynamicPlanner(OnMap):
         return self._goal
 
     @property
+    def goal_heading_deg(self) -> float | None:
+        """In which they arrive there; None for any."""
+        return self._goal_heading_deg
+
+    @property
     def standing_plan(self) -> Plan | None:
         """The last plan that had a path."""
         return self._path.plan
 
     @one_at_a_time
-    def set_goal(self, goal: Cell) -> None:
-        """Another goal; the standing path is forgotten. InvalidQueryError if it is
-        outside the map.
+    def set_goal(self, goal: Cell, heading_deg: float | None = None) -> None:
+        """Another goal, in which a body arrives as by `goal_heading_deg` of `PlanOptions`; the
+        standing path is forgotten. InvalidQueryError if it is outside the map.
         """
         cell = as_cell(goal, "goal")
         if not self._state.grid.holds(cell):
             raise InvalidQueryError(f"goal must lie inside the map of {self.shape}, got {cell}")
         self._goal = cell
+        self._goal_heading_deg = heading_deg
         self._path.forget()
 
     def _changed(self) -> None:
@@ -253,7 +267,11 @@ class DynamicPlanner(OnMap):
         work = Work()
         wanted = self.method if method is None else DynamicMethod(method)
         query = Query.of(
-            self._where(), self._goal, Deadline.within(time_limit_s), direction=self._direction
+            self._where(),
+            self._goal,
+            Deadline.within(time_limit_s),
+            direction=self._direction,
+            wanted=self._arrivals(self._goal_heading_deg),
         )
 
         methods = self._methods
@@ -292,6 +310,13 @@ class DynamicPlanner(OnMap):
         """In which a body heads; -1 of others, and where it is not given."""
         heading = self._heading_deg
         return -1 if heading is None else self._state.grid.robot.direction(heading)
+
+    def _arrivals(self, heading_deg: float | None) -> Bool | None:
+        """Directions in which the goal may be arrived at; None for any."""
+        robot = self._state.grid.robot
+        if heading_deg is None or robot.direction(heading_deg) < 0:
+            return None
+        return robot.ends(None, heading_deg, 0.0)[1]
 
     def _where(self) -> Cell:
         if self._start is None:

@@ -140,10 +140,10 @@ def test_messages_are_read_as_other_libraries_decode_them():
     heights = np.array([[1, 2, 3], [4, NAN, 6]], np.float32)
     cost = np.array([[0.25, NAN, np.inf]], np.float32)
     grid_map = GridMap.of_message(
-        decoded("grid_map_msgs/GridMap", heights_message(heights, (4, 5), 0.5, 0))
+        decoded("grid_map_msgs/GridMap", heights_message(heights, MapFrame(0.5, 2.5, 2.0), 0))
     )
     grid = OccupancyGrid.of_message(
-        decoded("nav_msgs/OccupancyGrid", grid_message(cost, (4, 5), 0.5, 0))
+        decoded("nav_msgs/OccupancyGrid", grid_message(cost, MapFrame(0.5, 2.5, 2.0), 0))
     )
     frame = MapFrame(0.5, frame_id="map")
     for patch, wanted in (

@@ -20,6 +20,7 @@ import numpy as np
 
 from nnpp_edge.files import open_new
 from nnpp_edge.robot.transports.wiring import Setup
+from nnpp_edge.ros.maps import MapFrame, path_poses
 from nnpp_edge.ros.messages import (
     definition,
     grid_message,
@@ -111,7 +112,7 @@ class McapLog:
             else:
                 of_heights = message.cost is None
                 write = heights_message if of_heights else grid_message
-                data = write(message.values, (message.row, message.col), *as_ros)
+                data = write(message.values, self._frame(message.row, message.col), stamp)
                 self._write("/elevation_patch" if of_heights else "/map_patch", stamp, data)
                 self._heights_came |= of_heights
             self._tidy()
@@ -127,8 +128,9 @@ class McapLog:
             topic = "/answer" if isinstance(message, PathMessage) else "/status"
             self._write(topic, now, string_message(json.dumps(answer)))
             if isinstance(message, PathMessage):
-                if not _is_rest(message.path, self._last_path):
-                    data = path_message(message.path, self._cell, now, message.headings)
+                if not is_rest(message.path, self._last_path):
+                    poses = path_poses(message.path, self._frame(), message.headings)
+                    data = path_message(poses, now)
                     self._write("/path", now, data)
                 self._last_path = message.path
             self._tidy()
@@ -161,7 +163,11 @@ class McapLog:
         self._mapped = time.monotonic()
         self._heights_came = False
         now = time.time_ns()
-        self._write("/map", now, grid_message(self._state.cost(), (0, 0), self._cell, now))
+        self._write("/map", now, grid_message(self._state.cost(), self._frame(), now))
+
+    def _frame(self, row: int = 0, col: int = 0) -> MapFrame:
+        """Where the cells lie of a part of the map that begins at this one."""
+        return MapFrame(self._cell, col * self._cell, row * self._cell)
 
     def _write(self, topic: str, stamp: int, data: bytes) -> None:
         if self._stream is None:
@@ -209,7 +215,7 @@ class McapLog:
                     stream.close()
 
 
-def _is_rest(path: Cells, before: Cells | None) -> bool:
+def is_rest(path: Cells, before: Cells | None) -> bool:
     """Whether a path is the end of the one before."""
     if before is None or (len(before) and not len(path)):
         return False

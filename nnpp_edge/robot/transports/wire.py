@@ -64,7 +64,7 @@ class PoseRecord(Record, tag="pose"):
     heading_deg: float | None = None
 
 
-class GoalRecord(Record, tag="goal"):
+class GoalRecord(PoseRecord, tag="goal"):
     """A `Goal` on the wire."""
 
 
@@ -188,10 +188,14 @@ def as_input(record: Record) -> Input:
                 record.keep_known,
                 record.stamp,
             )
-        if isinstance(record, PoseRecord):
-            return Pose(record.row, record.col, record.stamp, record.heading_deg)
-        place = (record.row, record.col)
-        return Goal(*place, record.stamp)  # type: ignore[arg-type]  # a goal refuses fractions
+        assert isinstance(record, PoseRecord)
+        kind = Goal if isinstance(record, GoalRecord) else Pose
+        return kind(
+            record.row,  # type: ignore[arg-type]  # a goal refuses fractions
+            record.col,  # type: ignore[arg-type]
+            record.stamp,
+            record.heading_deg,
+        )
     except InvalidMessageError as error:
         raise WireError(str(error)) from None
 

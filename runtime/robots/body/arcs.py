@@ -57,6 +57,14 @@ class Arc:
         y -= ahead * math.cos(first) + left * math.sin(first)
         return x, y, (heading - math.degrees(turned)) % 360.0
 
+    @property
+    def poses(self) -> list[PoseOf]:
+        """Those after the first, no farther apart than `POSES_EVERY_M`, turned by at most 15°."""
+        by_length = math.ceil(self.length_m / POSES_EVERY_M)
+        by_turn = math.ceil(abs(self.turn_deg) / _MOST_TURN_DEG)
+        count = max(by_length, by_turn, 1)
+        return [self.at((k + 1) / count) for k in range(count)]
+
 
 def heading_deg(direction: int, sides_m: tuple[float, float]) -> float:
     """Of one of the sixteen directions, degrees clockwise from grid north."""
@@ -165,14 +173,7 @@ def drive_along(states: Int32, vehicle: Vehicle, sides_m: tuple[float, float]) -
     found: list[tuple[PoseOf, int, float, int]] = []
     for n in range(len(states) - 1):
         for arc in arcs_along(states[n : n + 2], vehicle, sides_m):
-            count = max(
-                math.ceil(arc.length_m / POSES_EVERY_M),
-                math.ceil(abs(arc.turn_deg) / _MOST_TURN_DEG),
-                1,
-            )
-            found += [
-                (arc.at((k + 1) / count), arc.gear, arc.curvature_per_m, n) for k in range(count)
-            ]
+            found += [(pose, arc.gear, arc.curvature_per_m, n) for pose in arc.poses]
     found.insert(0, (first, *found[0][1:]) if found else (first, 0, 0.0, 0))
     poses, gears, curvatures, steps = zip(*found, strict=True)
     return Drive(np.array(poses), np.array(gears), np.array(curvatures), np.array(steps))

@@ -67,6 +67,8 @@ if TYPE_CHECKING:
     from nnpp_edge.runtime.map.changes import ChangeLog
     from nnpp_edge.runtime.map.grid import Grid
 
+Goal = tuple[Cell, bytes | None]
+"""A cell, and in which of the directions it may be arrived at."""
 _UNJUDGED: Packed = tuple(Legs(0.0, 0.0, 0.0))
 """Of a search that nothing guides."""
 
@@ -246,7 +248,7 @@ class KeptField:
         self._workspace = workspace
         self._log = log
         self._changes = log.reader()
-        self._goal: Cell | None = None
+        self._goal: Goal | None = None
         self._region: Region | None = None
         self._stamp = 0
         self._begun: Cell = (0, 0)
@@ -254,7 +256,7 @@ class KeptField:
         self.above = 1.0
         """Cost of the path that was found by it, over what it promised."""
 
-    def keep(self, goal: Cell, region: Region | None, search: Search, cost: float) -> None:
+    def keep(self, query: Query, region: Region | None, search: Search, cost: float) -> None:
         """Keep the field of a search that has just found a path of this cost; at the goal itself
         there was none.
         """
@@ -262,7 +264,7 @@ class KeptField:
         if search.promised == math.inf:
             return
         start = search.path[0, :2].tolist()
-        self._goal = goal
+        self._goal = _goal_of(query)
         self._region = None if region is None else region.copy()
         self._stamp = self._workspace.field.stamp
         self._begun = (start[0], start[1])
@@ -270,21 +272,21 @@ class KeptField:
         self._changes = self._log.reader()
         self.above = cost / search.promised
 
-    def cost_from(self, start: Cell, goal: Cell) -> float:
+    def cost_from(self, query: Query) -> float:
         """Least cost from start to goal by the field; inf to another goal, or where it is out of
         date.
         """
         field = self._workspace.field
         grid = self._grid
-        if field is None or (goal, field.stamp) != (self._goal, self._stamp):
+        if field is None or (_goal_of(query), field.stamp) != (self._goal, self._stamp):
             return math.inf
         if sum(change.cells for change in self._changes.peek()) > FIELD_KEPT * grid.cells:
             return math.inf
-        node = grid.node(*start)
+        node = grid.node(*query.start)
         known = float(field.costs(slice(node, node + 1))[0])
         if known < math.inf:
             return known
-        return self._promised - float(octile.py_func(*start, *self._begun, *grid.prices))
+        return self._promised - float(octile.py_func(*query.start, *self._begun, *grid.prices))
 
     def search(
         self, query: Query, by_way_of: Int32 | None = None, limit: int | None = None
@@ -305,6 +307,10 @@ class KeptField:
         place = (self._workspace, allowed(self._region))
         found = _by_field(grid, query, *place, guide, limits, best_so_far=limit is not None)
         return found._replace(refused_f=_octile(grid, query))
+
+
+def _goal_of(query: Query) -> Goal:
+    return query.goal, None if query.wanted is None else query.wanted.tobytes()
 
 
 def _by_field(

@@ -1,0 +1,78 @@
+"""The map that the loop begins with, and where its cells lie: rows along y, columns along x."""
+
+from pathlib import Path
+
+import numpy as np
+
+from nnpp_edge.robot.ros2.parameters import Own, ParameterError
+from nnpp_edge.ros.maps import MapFrame
+from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.map.ground import Ground
+from nnpp_edge.runtime.terrain.vehicle import Vehicle
+from nnpp_edge.terrain.dem import Dem, read_dem
+from nnpp_edge.terrain.vehicle_files import read_vehicle, vehicle_of
+from nnpp_edge.terrain.workloads import SAFE, SOFT, workload
+
+Located = tuple[Ground, MapFrame]
+
+
+def first_ground(own: Own) -> Located | None:
+    """The ground that the loop begins with; None where the topic of maps is to say.
+
+    ParameterError, TerrainError, VehicleError or InvalidMapError in one line where the parameters
+    make none.
+    """
+    vehicle = _vehicle(own)
+    is_body = vehicle is not None and not vehicle.is_disc
+    if own.map_file:
+        heights, frame = _laid_out(read_dem(own.map_file), own.global_frame)
+    elif own.map_size_m:
+        cells = max(round(own.map_size_m / own.resolution), 1)
+        corner = -0.5 * cells * own.resolution
+        frame = MapFrame(own.resolution, corner, corner, frame_id=own.global_frame)
+        heights = np.full((cells, cells), np.nan, np.float32)
+    elif is_body:
+        raise ParameterError("vehicle: a body needs elevations: wanted map_file or map_size_m")
+    else:
+        return None
+    limits = workload(own.workload or (SOFT if is_body else SAFE))
+    return Ground.of_elevation(heights, frame.resolution, limits, vehicle=vehicle), frame
+
+
+def ground_of(own: Own, cost: Float2D, frame: MapFrame) -> Located:
+    """The ground that costs tell."""
+    return Ground(cost, cell_size_m=frame.resolution, vehicle=_vehicle(own)), frame
+
+
+def _vehicle(own: Own) -> Vehicle | None:
+    """The body or disc that the parameters name; None for a point."""
+    if own.vehicle:
+        return vehicle_of(read_vehicle(own.vehicle), Path(own.vehicle).name)
+    return Vehicle(radius_m=own.radius_m) if own.radius_m else None
+
+
+def _laid_out(dem: Dem, frame_id: str) -> tuple[Float2D, MapFrame]:
+    """The heights with rows along y and columns along x, and their frame; a map that does not say
+    where it lies begins at (0, 0).
+    """
+    heights = dem.elevation
+    side = dem.cell_size_m
+    if dem.georeference is None:
+        return heights, MapFrame(side, frame_id=frame_id)
+    a, b, x, d, e, y = dem.georeference.transform
+    if not (a or e):  # rows along x, as `GridMap.save` writes them
+        heights = heights.T
+        a = b
+        e = d
+    elif b or d:
+        raise ParameterError("map_file: wanted a map along the axes, got one that is turned")
+    if abs(a) != abs(e):
+        raise ParameterError(f"map_file: wanted square cells, got sides of {abs(a)} and {abs(e)} m")
+    rows, cols = heights.shape
+    if a < 0.0:
+        heights = heights[:, ::-1]
+        x += a * cols
+    if e < 0.0:
+        heights = heights[::-1]
+        y += e * rows
+    return np.ascontiguousarray(heights), MapFrame(side, x, y, frame_id=frame_id)

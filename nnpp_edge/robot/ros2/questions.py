@@ -1,0 +1,225 @@
+"""Plans that others ask for: the service get_plan, and Nav2's actions where they are installed."""
+
+import copy
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from nnpp_edge.robot.ros2.answers import RosSink, poses_of
+from nnpp_edge.robot.ros2.frames import Place
+from nnpp_edge.robot.ros2.inputs import RosSource, message_type
+from nnpp_edge.ros.messages import path_message
+from nnpp_edge.runtime.arrays import Floats
+from nnpp_edge.runtime.errors import NnppEdgeError, Status
+from nnpp_edge.runtime.loop.messages import InvalidMessageError
+from nnpp_edge.runtime.loop.navigator import Navigator
+from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
+
+if TYPE_CHECKING:
+    from nnpp_edge.robot.ros2.node import PlannerNode
+
+_PLANNERS = ("", "nnpp_edge", "GridBased")
+"""Names that requests may have for the planner; the last is that of Nav2's trees."""
+_ERRORS = {
+    Status.START_BLOCKED: "START_OCCUPIED",
+    Status.GOAL_BLOCKED: "GOAL_OCCUPIED",
+    Status.NO_PATH: "NO_VALID_PATH",
+    Status.NO_POSE: "TF_ERROR",
+}
+"""Nav2's names of what its results call otherwise than a `Status`."""
+_LOOK_EVERY_S = 0.01
+
+
+class _Given(NamedTuple):
+    """The answer to a question."""
+
+    poses: Floats = np.empty((0, 4))
+    """(N, 4), as of `arc_poses`."""
+    error: str = "NONE"
+    """Nav2's name for it."""
+    reason: str = ""
+
+
+class Questions:
+    """Answers a service and two actions while the loop runs.
+
+    A plan from the robot's own pose is the loop's: its goal becomes the loop's goal. Plans from
+    elsewhere, or by way of several poses, are made on a copy of the loop's planner.
+    """
+
+    def __init__(self, node: "PlannerNode", source: RosSource, sink: RosSink) -> None:
+        from nav_msgs.srv import GetPlan
+
+        self._node = node
+        self._source = source
+        self._sink = sink
+        self._navigator: Navigator | None = None
+        self._copies: deque[Future[DynamicPlanner]] = deque()
+        """That are wanted of the loop's planner."""
+        self._worker = ThreadPoolExecutor(1, "nnpp-edge questions")
+        self._service = node.create_service(GetPlan, "get_plan", self._get_plan)
+        self._actions = [
+            self._server(name, kind, answer)
+            for name, kind, answer in (
+                ("compute_path_to_pose", "ComputePathToPose", self._to_pose),
+                ("compute_path_through_poses", "ComputePathThroughPoses", self._through_poses),
+            )
+        ]
+
+    def begin(self, navigator: Navigator) -> None:
+        """This navigator answers from now on."""
+        self._navigator = navigator
+
+    def after_tick(self) -> None:
+        """Copy the planner for who waits for it. For the loop's thread."""
+        while self._copies and self._navigator is not None:
+            self._copies.popleft().set_result(copy.deepcopy(self._navigator.planner))
+
+    def close(self) -> None:
+        """Answer nothing more."""
+        self._worker.shutdown(wait=False, cancel_futures=True)
+        self._node.destroy_service(self._service)
+        for server in filter(None, self._actions):
+            server.destroy()
+
+    # --- ROS' side
+
+    def _server(self, name: str, kind: str, answer: Callable[[Any], _Given]) -> Any:
+        """An action's server; None where its package is not installed."""
+        found = message_type(self._node, name, f"nav2_msgs.action:{kind}")
+        if found is None:
+            return None
+        from rclpy.action import ActionServer
+
+        async def execute(handle: Any) -> Any:
+            began = time.monotonic()
+            result = found.Result()
+            asked = handle.request
+            given = await self._work(lambda: answer(asked), name, asked.planner_id)
+            result.path = self._path(given)
+            seconds = time.monotonic() - began
+            result.planning_time.sec = int(seconds)
+            result.planning_time.nanosec = int(1e9 * (seconds % 1.0))
+            # older ones of Nav2 have neither
+            for field, value in (
+                ("error_code", getattr(found.Result, given.error, 0)),
+                ("error_msg", given.reason),
+            ):
+                if hasattr(result, field):
+                    setattr(result, field, value)
+            (handle.succeed if given.error == "NONE" else handle.abort)()
+            return result
+
+        return ActionServer(self._node, found, name, execute)
+
+    async def _get_plan(self, request: Any, response: Any) -> Any:
+        ends = (request.start, request.goal)
+        response.plan = self._path(await self._work(lambda: self._between(*ends), "get_plan"))
+        return response
+
+    async def _work(self, work: Callable[[], _Given], name: str, planner: str = "") -> _Given:
+        """Do it in the thread for that, one question after another."""
+        from rclpy.task import Future as RosFuture
+
+        future: Any = RosFuture(executor=self._node.executor)
+
+        def do() -> None:
+            wanted = f"wanted the planner {' or '.join(_PLANNERS[1:])}, got {planner!r}"
+            given = _Given(error="INVALID_PLANNER", reason=wanted)
+            try:
+                if planner in _PLANNERS:
+                    given = work()
+            except NnppEdgeError as error:  # of a pose
+                given = _Given(error="TF_ERROR", reason=str(error))
+            except Exception as error:
+                given = _Given(error="UNKNOWN", reason=repr(error))
+            if given.error != "NONE":
+                self._node.get_logger().warning(f"{name}: {given.error}: {given.reason}")
+            future.set_result(given)
+
+        self._worker.submit(do)
+        found: _Given = await future
+        return found
+
+    def _path(self, given: _Given) -> Any:
+        from nav_msgs.msg import Path
+        from rclpy.serialization import deserialize_message
+
+        stamp = int(self._node.get_clock().now().nanoseconds)
+        content = path_message(given.poses[:, :3], stamp, self._source.frames.global_frame)
+        return deserialize_message(content, Path)
+
+    # --- the loop's side, in the thread of the questions
+
+    def _to_pose(self, request: Any) -> _Given:
+        if request.use_start:
+            return self._between(request.start, request.goal)
+        goal = self._place(request.goal, "a goal")
+        # the tick that runs now has perhaps read its inputs: the one after it has this goal
+        newest = self._sink.newest
+        tick = 1 + (newest.tick if newest else 0)
+        self._source.set_goal(goal)
+        until = time.monotonic() + self._node.own.planner_patience_s
+        while time.monotonic() < until:
+            answer = self._sink.newest
+            if answer and answer.tick > tick and answer.outcome is not Status.TIMEOUT:
+                if answer.ok and self._source.frame is not None:
+                    return _Given(poses_of(answer, self._source.frame, goal))
+                return _failed(answer.outcome, answer.reason)
+            time.sleep(_LOOK_EVERY_S)
+        return _failed(Status.TIMEOUT, "the loop has not answered in time")
+
+    def _through_poses(self, request: Any) -> _Given:
+        goals = getattr(request.goals, "goals", request.goals)  # a list before ROS 2 Kilted
+        if not goals:
+            return _Given(error="NO_VIAPOINTS_GIVEN", reason="wanted goals, got none")
+        return self._between(request.start if request.use_start else None, *goals)
+
+    def _between(self, start: Any, *goals: Any) -> _Given:
+        """A plan from a stamped pose; from the robot's own where it has no frame, or is None."""
+        begin = self._source.robot
+        if start is not None and start.header.frame_id:
+            begin = self._place(start, "a start")
+        if begin is None:
+            raise InvalidMessageError("wanted the robot's pose, got none yet")
+        return self._planned([begin, *(self._place(goal, "a goal") for goal in goals)])
+
+    def _place(self, stamped: Any, what: str) -> Place:
+        return self._source.frames.place(stamped.pose, stamped.header.frame_id, what)
+
+    def _planned(self, stops: Sequence[Place]) -> _Given:
+        """Legs from place to place, on a copy of the loop's planner."""
+        patience_s = self._node.own.planner_patience_s
+        until = time.monotonic() + patience_s
+        wanted: Future[DynamicPlanner] = Future()
+        self._copies.append(wanted)
+        try:
+            planner = wanted.result(patience_s)
+        except TimeoutError:
+            return _failed(Status.TIMEOUT, "the loop does not run, or is busy")
+        frame = self._source.frame
+        assert frame is not None
+        vehicle = planner.state.vehicle
+        arcs = vehicle is not None and vehicle.turning_radius_m
+        legs: list[Floats] = []
+        for start, goal in zip(stops[:-1], stops[1:], strict=True):
+            cell = frame.cell(goal.x, goal.y)
+            if not planner.state.grid.holds(cell):
+                return _failed(Status.GOAL_OUTSIDE_MAP, f"the map has {planner.shape} cells")
+            headings = [frame.heading_deg(end.yaw_rad) if arcs else None for end in (start, goal)]
+            planner.set_goal(cell, headings[1])
+            planner.move(frame.cell(start.x, start.y), headings[0])
+            plan = planner.replan(time_limit_s=max(until - time.monotonic(), _LOOK_EVERY_S))
+            if not plan.ok:
+                return _failed(plan.status, plan.reason)
+            # a leg begins where the one before ends
+            legs.append(poses_of(plan, frame, goal)[bool(legs) :])
+        return _Given(np.concatenate(legs))
+
+
+def _failed(status: Status, reason: str) -> _Given:
+    return _Given(error=_ERRORS.get(status, str(status)), reason=reason)

@@ -1,0 +1,593 @@
+"""The node against ROS 2 itself: `nnpp-edge ros` in one process, plain rclpy in another.
+
+They meet on the loopback interface, in a domain of their own. Messages that are on no wheel
+(grid_map_msgs, map_msgs, nav2_msgs) are built by `ros2_types`.
+"""
+
+import json
+import math
+import os
+import subprocess
+import sys
+import threading
+import time
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from nnpp_edge.ros.maps import GridMap, MapFrame
+from tests.robot.conftest import wait_until
+from tests.robot.ros2_types import built
+
+ROOT = Path(__file__).parents[2]
+FLOOD_S = int(os.environ.get("NNPP_EDGE_FLOOD_S", "3"))
+CAR = """
+length_m = 1.2
+width_m = 0.8
+clearance_m = 0.3
+turning_radius_m = 1.5
+"""
+TOPICS = {
+    "plan": ("nav_msgs/msg/Path", "latched"),
+    "plan_gears": ("std_msgs/msg/Int8MultiArray", "latched"),
+    "/diagnostics": ("diagnostic_msgs/msg/DiagnosticArray", "default"),
+}
+DEFAULTS = {
+    "map_file": "",
+    "map_size_m": 0.0,
+    "resolution": 0.1,
+    "global_frame": "map",
+    "vehicle": "",
+    "radius_m": 0.0,
+    "approach": False,
+    "odom_timeout_s": 1.0,
+    "method": "auto",
+    "rate_hz": 17.0,
+}
+
+
+@pytest.fixture(scope="module")
+def environment():
+    """Of both processes: the loopback interface, a domain of their own, and the built messages."""
+    return os.environ | {
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "ROS_DOMAIN_ID": str(1 + os.getpid() % 100),
+        "PYTHONPATH": str(built()),
+    }
+
+
+class Peer:
+    """The other process: `send` has it publish or ask, `heard` is what it received."""
+
+    def __init__(self, environment):
+        self.heard = {}
+        self.process = subprocess.Popen(
+            [sys.executable, ROOT / "tests/robot/ros2_peer.py"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            env=environment,
+        )
+        self._thread = threading.Thread(target=self._listen, daemon=True)
+        self._thread.start()
+        self.wait("ready")
+        for topic, (kind, qos) in TOPICS.items():
+            self.send("listen", topic, kind, qos=qos)
+
+    def _listen(self):
+        for line in self.process.stdout:
+            topic, message = json.loads(line)
+            self.heard.setdefault(topic, []).append(message)
+
+    def send(self, op, name, kind, **more):
+        self.process.stdin.write(json.dumps({"op": op, "name": name, "kind": kind} | more) + "\n")
+        self.process.stdin.flush()
+
+    def wait(self, topic, holds=lambda message: True, patience_s=10.0):
+        """The next message of a topic that is as wanted; those before it are passed over."""
+        found = []
+
+        def came():
+            waiting = self.heard.get(topic, [])
+            while waiting and not found:
+                message = waiting.pop(0)
+                if holds(message):
+                    found.append(message)
+            return found
+
+        wait_until(came, patience_s)
+        return found[0]
+
+    def ask(self, name, kind, message=None, op="call"):
+        """The answer of a service, or with ``act`` of an action."""
+        self.heard.pop(name, None)
+        self.send(op, name, kind, message=message or {})
+        return self.wait(name, patience_s=20.0)
+
+    def close(self):
+        self.process.stdin.close()
+        self.process.wait(10.0)
+        self._thread.join(5.0)
+        self.process.stdout.close()
+
+
+class Node:
+    """The node's process, and the other through which it is spoken to."""
+
+    def __init__(self, environment, peer, *arguments):
+        self.peer = peer
+        self._environment = environment
+        self.start(*arguments)
+
+    def start(self, *arguments):
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "nnpp_edge.cli.main", "ros", "--ros-args", *arguments],
+            stderr=subprocess.PIPE,
+            text=True,
+            env=self._environment,
+            cwd=ROOT,
+        )
+        self.lines = []
+        self._thread = threading.Thread(target=self._read, daemon=True)
+        self._thread.start()
+
+    def _read(self):
+        for line in self.process.stderr:
+            self.lines.append(line)
+
+    def said(self, words):
+        wait_until(lambda: any(words in line for line in list(self.lines)))
+
+    @property
+    def state(self):
+        answer = self.peer.ask("/nnpp_edge/get_state", "lifecycle_msgs/srv/GetState")
+        return answer["current_state"]["label"]
+
+    def change(self, transition):
+        """Whether the transition, 1 configure, 2 clean up, 3 activate, 4 deactivate, succeeded."""
+        kind = "lifecycle_msgs/srv/ChangeState"
+        message = {"transition": {"id": transition}}
+        return self.peer.ask("/nnpp_edge/change_state", kind, message)["success"]
+
+    def set(self, **values):
+        """Set parameters; why one was refused, or nothing."""
+        kinds = {bool: (1, "bool"), int: (2, "integer"), float: (3, "double"), str: (4, "string")}
+        parameters = []
+        for name, value in values.items():
+            number, word = kinds[type(value)]
+            parameters.append({"name": name, "value": {"type": number, f"{word}_value": value}})
+        kind = "rcl_interfaces/srv/SetParameters"
+        answer = self.peer.ask("/nnpp_edge/set_parameters", kind, {"parameters": parameters})
+        return [each["reason"] for each in answer["results"] if not each["successful"]]
+
+    def run(self, **values):
+        """Have it run anew with these parameters, all others being the defaults."""
+        if self.state == "active":
+            self.change(4)
+        if self.state == "inactive":
+            self.change(2)
+        assert self.set(**(DEFAULTS | values)) == []
+        for heard in self.peer.heard.values():
+            heard.clear()
+        assert self.change(1) and self.change(3)
+
+    def quiet(self):
+        """Publish nothing more."""
+        for name in ("odom", "map", "goal_pose"):
+            self.peer.send("silence", name, "")
+
+    def odom(self, x, y, yaw_deg=0.0, frame="map", rate_hz=20.0, **more):
+        self.peer.send(
+            "publish",
+            "odom",
+            "nav_msgs/msg/Odometry",
+            qos="sensor",
+            rate_hz=rate_hz,
+            message={
+                "header": {"frame_id": frame},
+                "child_frame_id": "base_link",
+                "pose": {"pose": pose(x, y, yaw_deg)},
+            }
+            | more,
+        )
+
+    def goal(self, x, y, yaw_deg=0.0, frame="map", **more):
+        message = {"header": {"frame_id": frame}, "pose": pose(x, y, yaw_deg)}
+        kind = "geometry_msgs/msg/PoseStamped"
+        self.peer.send("publish", "goal_pose", kind, message=message, **more)
+
+    def map(self, values, side=0.25, x=0.0, y=0.0, frame="map"):
+        rows, cols = values.shape
+        info = {"resolution": side, "width": cols, "height": rows, "origin": pose(x, y)}
+        message = {"header": {"frame_id": frame}, "info": info, "data": values.ravel().tolist()}
+        self.peer.send(
+            "publish", "map", "nav_msgs/msg/OccupancyGrid", qos="latched", message=message
+        )
+
+    def path(self, holds=lambda poses: len(poses)):
+        """The next path that is as wanted: (N, 3) x, y and yaw in degrees."""
+        return poses_of(self.peer.wait("plan", lambda message: holds(poses_of(message))))
+
+    def trouble(self, words):
+        """Wait until the diagnostics say so."""
+
+        def says(message):
+            (status,) = message["status"]
+            values = [pair["value"] for pair in status["values"]]
+            return any(words in each for each in (status["message"], *values))
+
+        return self.peer.wait("/diagnostics", says)
+
+    def close(self):
+        self.process.terminate()
+        return self._ended()
+
+    def kill(self):
+        self.process.kill()
+        self._ended()
+
+    def _ended(self):
+        code = self.process.wait(10.0)
+        self._thread.join(5.0)
+        self.process.stderr.close()
+        return code
+
+
+def pose(x, y, yaw_deg=0.0):
+    half = math.radians(yaw_deg) / 2.0
+    return {
+        "position": {"x": x, "y": y, "z": 0.0},
+        "orientation": {"z": math.sin(half), "w": math.cos(half)},
+    }
+
+
+def poses_of(message):
+    """(N, 3) x, y and yaw in degrees of a nav_msgs/Path."""
+    found = []
+    for stamped in message["poses"]:
+        assert stamped["header"]["frame_id"] == message["header"]["frame_id"]
+        at = stamped["pose"]["position"]
+        turn = stamped["pose"]["orientation"]
+        yaw = math.degrees(2.0 * math.atan2(turn["z"], turn["w"]))
+        found.append((at["x"], at["y"], yaw))
+    return np.array(found).reshape(-1, 3)
+
+
+def turned(a, b):
+    """Degrees between two headings."""
+    return abs((a - b + 180.0) % 360.0 - 180.0)
+
+
+@pytest.fixture(scope="module")
+def peer(environment):
+    with closing(Peer(environment)) as peer:
+        yield peer
+
+
+@pytest.fixture(scope="module")
+def process(environment, peer):
+    node = Node(environment, peer, "-p", "autostart_node:=false")
+    yield node
+    assert node.close() == 0
+
+
+@pytest.fixture
+def node(process):
+    """One node for all tests; each has it run anew."""
+    yield process
+    process.quiet()
+
+
+def hall(rows=40, cols=60):
+    """A room with a wall that leaves way along the upper side."""
+    values = np.zeros((rows, cols), np.int8)
+    values[: rows - 8, cols // 2] = 100
+    return values
+
+
+def test_from_a_latched_map_to_a_path_around_a_wall_and_whoever_joins_late_gets_it(node, peer):
+    node.map(hall(), x=-5.0, y=2.0)
+    node.run(radius_m=0.3)
+    node.odom(-4.0, 4.0)
+    node.goal(8.0, 4.0, 90.0)
+    path = node.path()
+    assert np.hypot(*(path[0, :2] - (-4.0, 4.0))) < 0.25
+    assert np.hypot(*(path[-1, :2] - (8.0, 4.0))) < 0.25
+    assert turned(path[-1, 2], 90.0) < 1.0  # the goal's own yaw
+    beside = path[np.abs(path[:, 0] - 2.6) < 0.5]
+    assert (beside[:, 1] > 10.0).all()  # by the way that the wall leaves
+    steps = np.diff(path[:, :2], axis=0)
+    yaws = np.degrees(np.arctan2(steps[:, 1], steps[:, 0]))
+    assert turned(path[:-1, 2], yaws).max() < 0.1
+    for topic, kind, qos in (
+        ("/plan", "nav_msgs/msg/Path", "latched"),
+        ("traversability", "nav_msgs/msg/OccupancyGrid", "latched"),
+        ("footprints", "visualization_msgs/msg/MarkerArray", "latched"),
+    ):
+        peer.send("listen", topic, kind, qos=qos)
+    late = poses_of(peer.wait("/plan"))
+    np.testing.assert_array_equal(late, path)
+    seen = peer.wait("traversability")
+    assert (np.reshape(seen["data"], (40, 60)) == 100)[:30, 30].all()
+    (marker,) = peer.wait("footprints", lambda message: message["markers"][0]["points"])["markers"]
+    first = np.array([(point["x"], point["y"]) for point in marker["points"][:20]])
+    assert np.hypot(*(first - path[0, :2]).T).max() < 1.0
+
+
+def flat_file(folder, rows_along_x):
+    """Level ground of 30 × 30 m around the origin, as a file that says where it lies."""
+    heights = np.zeros((120, 120), np.float32)
+    if rows_along_x:
+        path = folder / "against.npz"
+        frame = MapFrame(0.25, 15.0, 15.0, rows_along_x=True)
+        GridMap({"elevation": heights}, frame).save(path)
+        return path
+    path = folder / "along.npz"
+    np.savez(path, elevation_m=heights, cell_size_m=0.25, transform=(0.25, 0, -15, 0, 0.25, -15))
+    return path
+
+
+@pytest.mark.parametrize("rows_along_x", [False, True])
+def test_headings_are_exact_in_all_four_quadrants(node, peer, tmp_path, rows_along_x):
+    vehicle = tmp_path / "car.toml"
+    vehicle.write_text(CAR)
+    node.run(map_file=str(flat_file(tmp_path, rows_along_x)), vehicle=str(vehicle))
+    for yaw in (45.0, 135.0, -135.0, -45.0):
+        ahead = math.radians(yaw)
+        node.odom(-3.0 * math.cos(ahead), -3.0 * math.sin(ahead), yaw)
+        time.sleep(0.1)
+        # a bend: it arrives in another quadrant than it sets out in
+        goal_yaw = yaw + 90.0
+        goal = math.radians(goal_yaw)
+        x = 5.0 * math.cos(ahead) + 5.0 * math.cos(goal)
+        y = 5.0 * math.sin(ahead) + 5.0 * math.sin(goal)
+        node.goal(x, y, goal_yaw)
+
+        def there(poses, x=x, y=y, yaw=yaw):
+            near = len(poses) and np.hypot(*(poses[-1, :2] - (x, y))) < 0.3
+            return near and turned(poses[0, 2], yaw) < 1.0
+
+        path = node.path(there)
+        assert turned(path[-1, 2], goal_yaw) < 1.0
+        steps = np.diff(path[:, :2], axis=0)
+        lengths = np.hypot(*steps.T)
+        assert lengths.max() < 0.26
+        # it drives where it heads for, within the turn of a step
+        yaws = np.degrees(np.arctan2(steps[:, 1], steps[:, 0]))
+        middle = path[:-1, 2] + (path[1:, 2] - path[:-1, 2] + 180.0) % 360.0 / 2.0 - 90.0
+        assert turned(middle, yaws).max() < 1.0
+        assert set(peer.heard["plan_gears"][-1]["data"]) == {1}
+
+
+def test_what_cannot_be_gone_to_or_understood_is_told_in_a_line_and_stops_who_follows(node, peer):
+    node.map(hall())
+    node.run(radius_m=0.3)
+    node.odom(1.0, 1.0)
+    node.goal(14.0, 1.0)
+    assert len(node.path())
+    for place, words in (
+        ((400.0, 1.0), "GOAL_OUTSIDE_MAP: the map has (40, 60) cells"),
+        ((7.6, 1.0), "GOAL_BLOCKED: the goal is impassable"),
+    ):
+        node.goal(14.0, 1.0)
+        assert len(node.path())
+        node.goal(*place)
+        node.path(lambda poses: not len(poses))
+        node.trouble(words)
+    node.goal(14.0, 1.0)
+    assert len(node.path())
+    node.goal(3.0, 1.0, frame="base_link")
+    node.trouble("goal_pose: wanted a goal in the frame 'map', got one in 'base_link', and tf2_ros")
+    node.odom(1.0, 1.0, frame="odom")
+    node.trouble("the newest pose is")
+    node.trouble("odom: wanted a pose in the frame 'map', got one in 'odom'")
+    node.path(lambda poses: not len(poses))
+    node.odom(1.0, 1.0, child_frame_id="camera")
+    node.trouble("wanted the robot's frame 'base_link', got 'camera'")
+    node.map(hall(), frame="odom")
+    node.trouble("map: wanted a map in the frame 'map', got one in 'odom'")
+    node.odom(1.0, 1.0)
+    assert len(node.path())
+
+
+def test_another_map_takes_the_place_of_the_one_before_and_a_part_of_it_is_changed(node, peer):
+    node.map(hall())
+    node.run(radius_m=0.3)
+    node.odom(1.0, 1.0)
+    node.goal(14.0, 1.0)
+    first = node.path()
+    assert first[:, 1].max() > 7.5
+    node.map(hall(40, 60)[:, ::-1] * 0)  # the same cells, all free
+    assert node.path()[:, 1].max() < 2.0
+    wall = {"x": 20, "y": 0, "width": 1, "height": 36, "data": [100] * 36}
+    message = wall | {"header": {"frame_id": "map"}}
+    peer.send("publish", "map_updates", "map_msgs/msg/OccupancyGridUpdate", message=message)
+    assert node.path()[:, 1].max() > 8.0
+    grown = np.zeros((80, 100), np.int8)
+    node.map(grown, x=-5.0, y=-5.0)  # as a map grows: the robot and its goal stay where they are
+    path = node.path()
+    assert path[:, 1].max() < 2.0
+    assert np.hypot(*(path[0, :2] - (1.0, 1.0))) < 0.3
+    assert np.hypot(*(path[-1, :2] - (14.0, 1.0))) < 0.3
+
+
+def grid_map(heights, x, y, side=0.25, start=(0, 0), row_by_row=False, frame="map"):
+    """A grid_map_msgs/GridMap whose middle is there and whose ring begins at `start`."""
+    rows, cols = heights.shape
+    ring = np.roll(heights, start, axis=(0, 1))
+    dims = [("column_index", cols, rows * cols), ("row_index", rows, rows)]
+    values = ring.ravel(order="F")
+    if row_by_row:
+        dims = [("row_index", rows, rows * cols), ("column_index", cols, cols)]
+        values = ring.ravel()
+    layout = {"dim": [{"label": label, "size": size, "stride": s} for label, size, s in dims]}
+    info = {"resolution": side, "length_x": rows * side, "length_y": cols * side}
+    return {
+        "header": {"frame_id": frame},
+        "info": info | {"pose": pose(x, y)},
+        "layers": ["variance", "elevation"],
+        "data": [{"layout": layout, "data": each.tolist()} for each in (values * 0, values)],
+        "outer_start_index": start[0],
+        "inner_start_index": start[1],
+    }
+
+
+def test_a_window_that_moves_over_unknown_ground_is_taken_in_wherever_its_ring_begins(node, peer):
+    node.run(map_size_m=30.0, resolution=0.25)
+    node.odom(-10.0, 1.0)
+    node.goal(10.0, 1.0)
+    node.path(lambda poses: not len(poses))
+    rng = np.random.default_rng(1)
+    # a dam along y at x = 0, with a gap at y = -3; columns run against y in windows of 5 × 8 m
+    for n, x in enumerate(np.arange(-12.5, 13.0, 2.5)):
+        places = x + 2.5 - 0.25 * (0.5 + np.arange(20))
+        across = 4.0 - 0.25 * (0.5 + np.arange(32))
+        heights = np.zeros((20, 32))
+        dam = (np.abs(places)[:, None] < 0.3) & ~(np.abs(across + 3.0)[None, :] < 0.6)
+        heights[dam] = 3.0
+        start = (int(rng.integers(20)), int(rng.integers(32)))
+        message = grid_map(heights, x, 0.0, start=start, row_by_row=bool(n % 2))
+        peer.send("publish", "elevation_map", "grid_map_msgs/msg/GridMap", message=message)
+        time.sleep(0.02)
+    path = node.path()
+    through = path[np.abs(path[:, 0]) < 0.3]
+    assert len(through) and np.abs(through[:, 1] + 3.0).max() < 0.6
+    # what has not been seen stays as it is: NaN tells nothing
+    unseen = np.full((20, 32), math.nan)
+    message = grid_map(unseen, 0.0, 0.0)
+    peer.send("publish", "elevation_map", "grid_map_msgs/msg/GridMap", message=message)
+    message = grid_map(np.zeros((4, 4)), 0.0, 0.0, side=0.5)
+    peer.send("publish", "elevation_map", "grid_map_msgs/msg/GridMap", message=message)
+    node.trouble("elevation_map: wanted cells of 0.25 m, got 0.5 m")
+    assert len(node.path())
+    message = grid_map(np.full((20, 32), 3.0) * (np.arange(20) == 10)[:, None], 0.0, 0.0)
+    peer.send("publish", "elevation_map", "grid_map_msgs/msg/GridMap", message=message)
+    node.path(lambda poses: not len(poses))  # the gap is shut
+
+
+def test_a_life_of_two_rounds_through_all_states(node, peer):
+    node.map(hall())
+    for _ in range(2):
+        node.run(radius_m=0.3)
+        assert node.state == "active"
+        node.odom(1.0, 1.0)
+        node.goal(14.0, 1.0)
+        assert len(node.path())
+        assert node.set(rate_hz=0.0) == ["rate_hz: wanted `float` >= 0.001, got 0.0"]
+        assert node.set(radius_m=-1.0)
+        assert node.set(odom_timeout_s=2.0) == []
+        assert node.change(4)  # deactivate: who follows the path stops
+        node.path(lambda poses: not len(poses))
+        assert node.state == "inactive"
+        assert node.change(3)
+        time.sleep(0.3)
+        assert not any(map(len, map(poses_of, peer.heard["plan"])))  # the goal was forgotten
+        node.goal(14.0, 1.0)
+        assert len(node.path())
+        assert node.change(4) and node.change(2)
+        assert node.state == "unconfigured"
+    assert node.set(vehicle="no-such.toml") == []
+    assert not node.change(1)
+    node.said("cannot be configured: wanted a vehicle's file or the name of a shipped one")
+    assert node.state == "unconfigured"
+
+
+def test_a_service_and_actions_plan_as_nav2_asks(node, peer):
+    node.map(hall())
+    node.run(radius_m=0.3)
+    node.odom(1.0, 1.0)
+
+    def stamped(x, y, yaw_deg=0.0, frame="map"):
+        return {"header": {"frame_id": frame}, "pose": pose(x, y, yaw_deg)}
+
+    ends = {"start": stamped(14.0, 1.0), "goal": stamped(1.0, 2.0, 180.0)}
+    plan = poses_of(peer.ask("get_plan", "nav_msgs/srv/GetPlan", ends)["plan"])
+    assert np.hypot(*(plan[0, :2] - (14.0, 1.0))) < 0.25 and plan[:, 1].max() > 7.5
+    assert turned(plan[-1, 2], 180.0) < 1.0
+    own = {"goal": stamped(14.0, 1.0)}  # from where the robot is
+    plan = poses_of(peer.ask("get_plan", "nav_msgs/srv/GetPlan", own)["plan"])
+    assert np.hypot(*(plan[0, :2] - (1.0, 1.0))) < 0.25
+    blocked = {"goal": stamped(7.6, 1.0)}
+    assert peer.ask("get_plan", "nav_msgs/srv/GetPlan", blocked)["plan"]["poses"] == []
+
+    kind = "nav2_msgs/action/ComputePathToPose"
+
+    def act(name="compute_path_to_pose", kind=kind, **message):
+        return peer.ask(name, kind, message, op="act")
+
+    result = act(goal=stamped(14.0, 1.0, 90.0))
+    assert result["error_code"] == 0 and result["planning_time"]["sec"] < 5
+    path = poses_of(result["path"])
+    assert turned(path[-1, 2], 90.0) < 1.0
+    np.testing.assert_array_equal(node.path(), path)  # the loop goes there from now on
+    for code, message in (
+        (201, {"goal": stamped(14.0, 1.0), "planner_id": "Smac"}),
+        (202, {"goal": stamped(14.0, 1.0, frame="odom")}),
+        (203, {"goal": stamped(14.0, 1.0), "use_start": True, "start": stamped(-9.0, 1.0)}),
+        (204, {"goal": stamped(90.0, 1.0)}),
+        (205, {"goal": stamped(14.0, 1.0), "use_start": True, "start": stamped(7.6, 1.0)}),
+        (206, {"goal": stamped(7.6, 1.0)}),
+    ):
+        result = act(**message)
+        assert (result["error_code"], result["path"]["poses"]) == (code, []), message
+        assert result["error_msg"]
+    shut = hall()
+    shut[:, 30] = 100
+    node.map(shut)
+    node.path(lambda poses: not len(poses))
+    assert act(goal=stamped(14.0, 1.0))["error_code"] == 208
+    node.map(hall())
+
+    through = "nav2_msgs/action/ComputePathThroughPoses"
+    goals = {"goals": [stamped(3.0, 8.0), stamped(14.0, 1.0)]}
+    result = act("compute_path_through_poses", through, goals=goals)
+    path = poses_of(result["path"])
+    assert result["error_code"] == 0
+    assert np.hypot(*(path[:, :2] - (3.0, 8.0)).T).min() < 0.25
+    assert np.hypot(*np.diff(path[:, :2], axis=0).T).max() < 0.4
+    assert act("compute_path_through_poses", through)["error_code"] == 309
+
+
+def test_a_flood_of_poses_and_a_restart_change_nothing(node, peer):
+    node.map(hall())
+    node.run(radius_m=0.3)
+    before = counted(node)
+    peer.send(
+        "flood",
+        "odom",
+        "nav_msgs/msg/Odometry",
+        count=10_000 * FLOOD_S,
+        rate_hz=10_000,
+        message={"header": {"frame_id": "map"}, "pose": {"pose": pose(1.0, 1.0)}},
+    )
+    flooded_s = peer.wait("odom flooded", patience_s=60.0)
+    after = counted(node, flooded_s + before["at"])
+    seconds = after["at"] - before["at"]
+    assert flooded_s < 1.5 * FLOOD_S
+    assert after["ticks"] - before["ticks"] > 0.9 * 17.0 * seconds
+    assert after["overruns"] - before["overruns"] <= 2
+    node.odom(1.0, 1.0)
+    node.goal(14.0, 1.0)
+    assert len(node.path())
+
+    node.kill()
+    peer.heard["plan"].clear()
+    node.start("-p", "radius_m:=0.3")
+    node.goal(14.0, 1.0, rate_hz=2.0)  # requests would go to the dead one, as nobody knows yet
+    assert len(node.path())
+
+
+def counted(node, after_s=0.0):
+    """Counters, and the time in seconds, of the first diagnostics after that."""
+
+    def at(message):
+        stamp = message["header"]["stamp"]
+        return stamp["sec"] + 1e-9 * stamp["nanosec"]
+
+    message = node.peer.wait("/diagnostics", lambda message: at(message) > after_s)
+    pairs = {pair["key"]: pair["value"] for pair in message["status"][0]["values"]}
+    return {"at": at(message)} | {name: int(pairs[name]) for name in ("ticks", "overruns")}
