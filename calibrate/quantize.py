@@ -385,8 +385,8 @@ def compare(fp32: NetworkModel, int8: NetworkModel, queries: Queries, judge: Jud
 
 
 def shown(model: NetworkModel, queries: Queries, number: int) -> Callable[[], Floats]:
-    """Show a network the map of a query, or planes; a function that runs it. Inputs and answers
-    stay until the next call.
+    """Show a network the map of a query, or planes; a function that runs all of it at each call.
+    Inputs and answers stay until the next call of this one.
     """
     if isinstance(queries, np.ndarray):
         rows, cols = queries.shape[2:]
@@ -394,7 +394,7 @@ def shown(model: NetworkModel, queries: Queries, number: int) -> Callable[[], Fl
         return lambda: model.answers()[:, :rows, :cols]
     planes, start, goal = queries.query(number)
     model.set_map(planes)
-    return partial(model.answer, start, goal)
+    return partial(model.answer, start, goal, anew=True)
 
 
 def answers(model: NetworkModel, queries: Queries) -> Floats:

@@ -37,7 +37,7 @@ _INPUT = 64
 """Side of the network's input."""
 _LARGEST = 256
 """Side of the training's maps at most: such a map is shown averaged over 4 × 4 cells."""
-_VALIDATED_ON = 128
+VALIDATED_ON = 128
 """Maps of the stripe that is held out, for validation."""
 _MOST_COMPARED = 512
 """Cells to a side of the maps that planners are compared on, at most."""
@@ -165,7 +165,7 @@ def command(
     held_out = output / "data-held-out"
     drawn = ["--maps", maps, "--seed", seed]
     steps.command("dataset", elevations, "-o", data, *ground, *drawn)
-    drawn = ["--maps", _VALIDATED_ON, "--seed", seed + 1, "--synthetic-share", 0, "--held-out"]
+    drawn = ["--maps", VALIDATED_ON, "--seed", seed + 1, "--synthetic-share", 0, "--held-out"]
     steps.command("dataset", elevations, "-o", held_out, *ground, *drawn)
 
     run = output / "run"
