@@ -5,6 +5,7 @@ of searches.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -55,6 +56,8 @@ MOST_ERROR = 2
 """The most by which the errors of prices may grow, in %."""
 HELD_OUT_SHARE = 4
 """Of a data set's maps, one in this many is held out to judge on."""
+LAYERS_COMPARED_ON = 4
+"""Queries on which the layers of both models are compared."""
 
 
 @dataclass(frozen=True)
@@ -119,6 +122,18 @@ class Comparison:
 
 
 @dataclass(frozen=True)
+class Layer:
+    """A convolution, and how far int8 is from fp32 behind it."""
+
+    name: str
+    quantised: bool
+    error: float
+    """Root mean square difference of its outputs, as a share of the fp32 outputs' root mean square:
+    its own error and what the layers before it pass on.
+    """
+
+
+@dataclass(frozen=True)
 class QuantizeReport:
     """The model made, and how it compares with the model that it was made from."""
 
@@ -130,6 +145,8 @@ class QuantizeReport:
     """Nodes left float, beside those of the head."""
     quantised: int
     """Convolutions in int8."""
+    layers: tuple[Layer, ...]
+    """All convolutions but those in a branch, as of `edge`'s head."""
     fp32_bytes: int
     int8_bytes: int
     compared: Comparison
@@ -184,7 +201,7 @@ def quantize(
         },
     }
     with TemporaryDirectory() as folder:
-        made, quantised = quantised_graph(fp32, calibration, Path(folder), exclude)
+        made, layers = quantised_graph(fp32, calibration, Path(folder), exclude)
         path = Path(folder) / "int8.onnx"
         path.write_bytes(_with_facts(made, fp32, facts))
         compared = compare(fp32, NetworkModel(path), held_out, judge)
@@ -200,7 +217,8 @@ def quantize(
         output=str(output),
         samples=len(calibration),
         excluded=tuple(exclude),
-        quantised=quantised,
+        quantised=sum(layer.quantised for layer in layers),
+        layers=layers,
         fp32_bytes=fp32.path.stat().st_size,
         int8_bytes=len(content),
         compared=compared,
@@ -250,9 +268,8 @@ def split(samples: Samples, seed: int) -> tuple[Samples, Samples]:
 
 def quantised_graph(
     fp32: NetworkModel, queries: Queries, folder: Path, exclude: Sequence[str] = ()
-) -> tuple[onnx.ModelProto, int]:
-    """A model's int8 variant, calibrated on all of the queries, and the number of convolutions in
-    int8.
+) -> tuple[onnx.ModelProto, tuple[Layer, ...]]:
+    """A model's int8 variant, calibrated on all of the queries, and its convolutions.
 
     The `folder` is for the files in between. ModelError where `exclude` names a node that does not
     exist.
@@ -291,7 +308,34 @@ def quantised_graph(
     made = onnx.load(target)
     # onnxruntime's sort overlooks what branches read
     made.graph.node.sort(key=lambda node: node.op_type == "If")
-    return made, len(set(chosen) - set(exclude))
+    in_int8 = set(chosen) - set(exclude)
+    inputs = list(islice(iter(_Reader(fp32, queries).get_next, None), LAYERS_COMPARED_ON))
+    names = [node.name for node in convolutions]
+    exact = _behind(names, onnx.load(prepared), inputs)
+    rounded = _behind(names, made, inputs)
+    errors = map(_relative_error, exact, rounded)
+    layers = tuple(
+        Layer(name, name in in_int8, error) for name, error in zip(names, errors, strict=True)
+    )
+    return made, layers
+
+
+def _behind(
+    names: Sequence[str], model: onnx.ModelProto, inputs: Sequence[dict[str, Array]]
+) -> list[Floats]:
+    """The outputs of a graph's nodes for all inputs, by the nodes' names."""
+    of_node = {node.name: node.output[0] for node in model.graph.node}
+    shown = onnx.ModelProto()
+    shown.CopyFrom(model)
+    wanted = [of_node[name] for name in names]
+    shown.graph.output.extend(onnx.ValueInfoProto(name=name) for name in wanted)
+    session = ort.InferenceSession(shown.SerializeToString(), providers=["CPUExecutionProvider"])
+    found = [session.run(wanted, each) for each in inputs]
+    return [np.array(each) for each in zip(*found, strict=True)]
+
+
+def _relative_error(exact: Floats, rounded: Floats) -> float:
+    return float(np.linalg.norm(rounded - exact) / np.linalg.norm(exact))
 
 
 class _Reader(quantization.CalibrationDataReader):  # type: ignore[misc]  # onnxruntime has no types
@@ -341,8 +385,8 @@ def compare(fp32: NetworkModel, int8: NetworkModel, queries: Queries, judge: Jud
 
 
 def shown(model: NetworkModel, queries: Queries, number: int) -> Callable[[], Floats]:
-    """Show a network the map of a query, or planes; a function that runs it. Inputs and answers
-    stay until the next call.
+    """Show a network the map of a query, or planes; a function that runs all of it at each call.
+    Inputs and answers stay until the next call of this one.
     """
     if isinstance(queries, np.ndarray):
         rows, cols = queries.shape[2:]

@@ -36,6 +36,7 @@ COMMANDS = {
     "train": "Train a network.",
     "export": "Write a trained network as an ONNX model.",
     "quantize": "Make an int8 model, and measure whether it pays.",
+    "learn": "Train a network on your own map, and tell whether it is worth keeping.",
     "evaluate": "Compare the planners on many queries.",
     "reproduce": "Repeat the paper's experiments and compare the figures.",
     "profile": "Measure the planners against budgets or other libraries.",

@@ -1,13 +1,17 @@
 """`nnpp-edge quantize`: an int8 model, and whether it pays."""
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import click
 
 from nnpp_edge.cli import options
 from nnpp_edge.cli.text import columns, table
+
+if TYPE_CHECKING:
+    from nnpp_edge.calibrate.quantize import Layer
 
 _SIZE_AND_TIME = (
     "precision | MB: size_mb .2f | warm/ms: warm .3f | after a/plan, ms: after_plan .3f"
@@ -17,6 +21,10 @@ _FIT = (
     "error of/mean T: rmse_mean .4f | blocked/share: rmse_blocked .4f | "
     "closed/chance: rmse_closed .4f"
 )
+
+_LAYERS = columns("layer | in | error/behind it: error .1%")
+_WORST = 3
+"""Layers in int8 that are listed, those with the largest errors."""
 
 
 @options.command("quantize")
@@ -69,4 +77,16 @@ def command(
     click.echo(f"answers differ by {differ}{region}")
     left = ", ".join(("the head", *r.excluded))
     click.echo(f"{r.quantised} convolutions in int8, left float: {left}")
+    click.echo(_layers(r.layers))
     click.echo(r.recommendation)
+
+
+def _layers(layers: Sequence["Layer"]) -> str:
+    """The layers that are left float, and those in int8 with the largest errors behind them."""
+    in_int8 = sorted((each for each in layers if each.quantised), key=lambda each: -each.error)
+    left = [each for each in layers if not each.quantised]
+    rows = [
+        {"layer": each.name, "in": "int8" if each.quantised else "float", "error": each.error}
+        for each in (*in_int8[:_WORST], *left)
+    ]
+    return table(rows, _LAYERS)

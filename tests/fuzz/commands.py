@@ -17,9 +17,19 @@ from tests.fuzz.cases import Problem
 from tests.fuzz.children import Limits, run_forked
 
 MOST_BYTES = 1 << 30  # memory that a command may take for the small inputs of a case
-SLOW_COMMANDS = ("dataset", "train", "export", "quantize", "reproduce", "profile", "evaluate")
+SLOW_COMMANDS = (
+    "dataset",
+    "train",
+    "export",
+    "quantize",
+    "learn",
+    "reproduce",
+    "profile",
+    "evaluate",
+)
 """They train, trace or measure: they get more time."""
-RESUMED_COMMANDS = ("dataset", "train", "reproduce")  # they leave what is complete, to go on from
+# they leave what is complete, to go on from
+RESUMED_COMMANDS = ("dataset", "train", "learn", "reproduce")
 REPLACED = ("old/", "in/trained/")
 """Results of earlier commands, which later ones may replace."""
 LOGGING_COMMANDS = (

@@ -37,6 +37,7 @@ BASES = {
         "--validate-every 0",
     ),
     "export": ("in/trained/checkpoint.pt -o out/net.onnx",),
+    "learn": ("in/dem.npz -o out/own --maps 2 --time-limit 0.01 --queries 1",),
     "quantize": ("in/edge64.onnx --dataset in/set -o out/int8.onnx --samples 2",),
     "evaluate": (
         "--synthetic --sizes 16 --queries 1 --repeats 1 --methods astar",

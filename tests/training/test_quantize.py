@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 from collections import Counter
 from functools import partial
 
@@ -16,6 +17,7 @@ from nnpp_edge.calibrate.quantize import (
     compare,
     quantised_graph,
     quantize,
+    shown,
     split,
 )
 from nnpp_edge.export.to_onnx import export_network
@@ -84,6 +86,25 @@ def test_the_report_holds_what_it_promises(made, fp32, convolutions):
     assert json.loads(made.to_json())["compared"]["queries"] == compared.queries
 
 
+def test_a_network_in_two_parts_is_timed_as_a_whole_also_right_after_itself(fp32, samples):
+    model = NetworkModel(fp32)
+    run = shown(model, samples, 0)
+    first = run().copy()
+    model.inputs["map"][:] = 0.5  # only the encoder sees it
+    assert np.abs(run() - first).max() > 1e-4
+
+
+def test_the_error_behind_each_layer_is_told(made, fp32, samples, convolutions, tmp_path):
+    assert [layer.quantised for layer in made.layers] == [True] * convolutions + [False]
+    assert (made.layers[0].name, made.layers[-1].name) == (FIRST, "encoder.describe/Conv")
+    assert all(1e-4 < layer.error < 0.5 for layer in made.layers)
+    names = [layer.name for layer in made.layers[:-1]]
+    _, layers = quantised_graph(NetworkModel(fp32), samples.pick(range(4)), tmp_path, names)
+    assert not any(layer.quantised for layer in layers)
+    assert layers[0].error == layers[1].error == 0.0  # behind others sums are in int8 still
+    assert layers[-1].error < 0.5 * made.layers[-1].error
+
+
 def test_no_pairs_are_left_but_at_the_edges_of_the_graph(made, convolutions, tmp_path):
     """The map is quantised, and what the float head reads is brought back."""
     left = operators_left(made.output, tmp_path)
@@ -119,11 +140,11 @@ def test_the_papers_network_is_quantised_too(samples, tmp_path):
     export_network(network, tmp_path / "nnpp.onnx", name="nnpp")
     fp32 = NetworkModel(tmp_path / "nnpp.onnx")
     few = enlarged(samples, 128).pick(range(8))
-    model, quantised = quantised_graph(fp32, few, tmp_path)
+    model, layers = quantised_graph(fp32, few, tmp_path)
     assert "body.classifier.weight" in {tensor.name for tensor in model.graph.initializer}
     model.metadata_props.extend(onnx.load(fp32.path).metadata_props)
     onnx.save(model, tmp_path / "int8.onnx")
-    assert operators_left(tmp_path / "int8.onnx", tmp_path)["QLinearConv"] > 0.5 * quantised
+    assert operators_left(tmp_path / "int8.onnx", tmp_path)["QLinearConv"] > 0.5 * len(layers)
     wanted = answers(fp32, few)
     assert wanted.std() > 0.02
     assert np.abs(answers(NetworkModel(tmp_path / "int8.onnx"), few) - wanted).mean() < 0.05
@@ -183,6 +204,8 @@ def test_the_command_prints_a_table_and_a_recommendation(
     left_float = f"left float: the head, {FIRST}, {SECOND}"
     assert f"{convolutions - 2} convolutions in int8, {left_float}" in ended.out
     assert ended.out.splitlines()[-1].startswith(("int8: ", "keep fp32: "))
+    for name in (FIRST, SECOND, "encoder.describe/Conv"):
+        assert re.search(rf"{name} +float +[\d.]+ %", ended.out), name
     names = {tensor.name for tensor in onnx.load(output).graph.initializer}
     assert {"body.encoder.stem.0.weight", "body.encoder.widen.0.weight"} <= names
     assert nnpp_edge(*words, "--samples", 8, "--json").json["excluded"] == []

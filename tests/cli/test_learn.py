@@ -1,0 +1,108 @@
+"""`nnpp-edge learn`: one's own ground in one line, stopped and gone on with."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nnpp_edge.cli.learn import Steps
+from nnpp_edge.profiling.worth import KEEP, LEAVE, OPEN
+from nnpp_edge.runtime.errors import OutputError
+from nnpp_edge.terrain.shards import shard_content
+from nnpp_edge.terrain.synthetic import synthetic_terrain
+
+VERDICTS = (KEEP, OPEN, LEAVE)
+
+
+@pytest.fixture
+def dem(run, monkeypatch):
+    """dem.npz, a map of 80 × 160 cells; no processes are started, and times are taken thrice."""
+    elevation = synthetic_terrain(np.random.default_rng(5), 160, 5.0)[:80]
+    np.savez("dem.npz", elevation_m=elevation, cell_size_m=5.0)
+
+    def make(recipe, tiles, indices, _):
+        for index in indices:
+            yield index, shard_content(recipe, tiles, index)
+
+    monkeypatch.setattr("nnpp_edge.terrain.dataset._shards_here", make)
+    monkeypatch.setattr("nnpp_edge.cli.learn.VALIDATED_ON", 12)
+
+
+def made(folder, lines):
+    """Which of the steps with these lines are made, not taken from a run before."""
+    steps = Steps(folder, len(lines), lambda words: None)
+    found = []
+    for line in lines:
+        steps.answer(line, lambda line=line: found.append(line) or f"answer of {line}")
+    return found
+
+
+def test_a_step_is_not_repeated_unless_its_line_or_one_before_it_has_changed(tmp_path):
+    assert made(tmp_path, ["a", "b"]) == ["a", "b"]
+    assert made(tmp_path, ["a", "b", "c"]) == ["c"]
+    assert made(tmp_path, ["a", "b", "c"]) == []
+    assert made(tmp_path, ["a", "B", "c"]) == ["B", "c"]
+    (tmp_path / "learn.json").write_text('[{"line": 3}]')
+    with pytest.raises(OutputError, match=r"learn\.json: wanted the steps of nnpp-edge learn"):
+        made(tmp_path, ["a"])
+
+
+def test_a_step_that_fails_leaves_those_before_it_made(tmp_path):
+    steps = Steps(tmp_path, 2, lambda words: None)
+    steps.answer("a", lambda: "done")
+    with pytest.raises(ZeroDivisionError):
+        steps.answer("b", lambda: 1 / 0)
+    assert made(tmp_path, ["a", "b"]) == ["b"]
+
+
+def test_a_map_without_room_for_a_stripe_names_the_way_out_and_leaves_nothing(run, dem):
+    ended = run("learn dem.npz -o me")
+    ended.refused(
+        "in the stripe that is held out, got 40 cells of 80 × 160", "--validation-share 0.4"
+    )
+    np.savez("tiny.npz", elevation_m=np.zeros((40, 50), np.float32), cell_size_m=1.0)
+    run("learn tiny.npz -o me").refused("got 12 cells of 40 × 50: give a larger map")
+    run("learn dem.npz -o me --workload limit20 --limit hard_slope_deg=9").refused(
+        "leave out --limit"
+    )
+    assert not Path("me").exists()
+
+
+@pytest.mark.slow
+def test_one_line_leads_from_a_map_to_a_verdict_and_goes_on_where_it_was_stopped(
+    run, dem, monkeypatch
+):
+    words = (
+        "learn dem.npz -o me --validation-share 0.4 --maps 12 --time-limit 0.01 --workload limit30"
+    )
+    ended = run(f"{words} --queries 4")
+    assert ended.code == 0, ended.err
+    lines = [line for line in ended.out.splitlines() if line.startswith("[")]
+    assert [line.split()[2] for line in lines[:5]] == [
+        "dataset",
+        "dataset",
+        "train",
+        "export",
+        "quantize",
+    ]
+    assert "--held-out" in lines[1] and "--workload limit30" in lines[0]
+    assert "verdict: " in ended.out.splitlines()[-1]
+    assert "own beside corridor: mean gap" in ended.out
+    assert "own beside edge: mean gap" in ended.out
+    stamps = {path: path.stat().st_mtime_ns for path in Path("me").rglob("*.onnx")}
+    assert len(stamps) == 2
+
+    more = run(f"{words} --queries 5 --json")
+    assert {path: path.stat().st_mtime_ns for path in stamps} == stamps, "made again"
+    told = more.json
+    assert told["verdict"] in VERDICTS
+    assert {each["other"] for each in told["beside"]} == {"corridor", "nnpp:edge"}
+    assert [each["method"] for each in told["figures"]] == [
+        "astar",
+        "corridor",
+        "nnpp",
+        "nnpp:edge",
+    ]
+    assert told["shape"] == [80, 64]
+    assert json.loads(Path("me/learn.json").read_text())[0]["line"] in more.err

@@ -1,0 +1,78 @@
+"""Whether a network is worth keeping: intervals of paired differences, and what follows from them."""
+
+import numpy as np
+import pytest
+
+from nnpp_edge.profiling.worth import (
+    ALIKE,
+    BETTER,
+    KEEP,
+    LEAVE,
+    OPEN,
+    TRADE,
+    WORSE,
+    Beside,
+    Interval,
+    beside,
+    verdict,
+)
+
+
+def answers(gaps, times_ms):
+    return [{"gap": gap, "time_ms": ms} for gap, ms in zip(gaps, times_ms, strict=True)]
+
+
+def compared(gap, speed):
+    """Beside another planner, by the ends of both intervals."""
+    low, high = gap
+    slow, fast = speed
+    return Beside("corridor", 9, Interval(low, low, high), Interval(slow, slow, fast))
+
+
+def test_an_interval_holds_the_mean_difference_and_is_half_as_wide_on_four_times_the_queries():
+    rng = np.random.default_rng(1)
+    widths = []
+    for count in (100, 400):
+        others = rng.uniform(0.0, 0.04, count)
+        own = others - 0.001 + rng.normal(0.0, 0.01, count)
+        found = beside("edge", answers(own, [2.0] * count), answers(others, [3.0] * count))
+        gap = found.gap_points
+        assert gap.value == pytest.approx(100.0 * (own - others).mean())
+        assert gap.low < -0.1 < gap.high
+        speed = found.times_as_fast
+        assert (speed.value, speed.low, speed.high) == pytest.approx((1.5, 1.5, 1.5))
+        assert found.queries == count
+        widths.append(gap.high - gap.low)
+    assert widths[0] / widths[1] == pytest.approx(2.0, rel=0.2)
+
+
+def test_the_same_answers_show_no_difference_however_they_vary():
+    same = answers([0.0, 0.02, 0.4], [1.0, 9.0, 3.0])
+    found = beside("edge", same, same)
+    assert found.gap_points == Interval(0.0, 0.0, 0.0)
+    assert found.judgement == ALIKE
+
+
+@pytest.mark.parametrize(
+    ("gap", "speed", "wanted"),
+    [
+        ((-0.3, -0.1), (0.96, 1.0), BETTER),  # closer, and as fast within the tolerance
+        ((-0.1, 0.1), (1.1, 1.2), BETTER),
+        ((0.1, 0.3), (1.0, 1.02), WORSE),
+        ((-0.1, 0.1), (0.7, 0.9), WORSE),
+        ((-0.3, -0.1), (0.7, 0.9), TRADE),
+        ((0.1, 0.3), (1.1, 1.2), TRADE),
+        ((-0.3, 0.1), (0.9, 1.2), ALIKE),
+    ],
+)
+def test_better_is_closer_or_faster_and_not_the_opposite_of_the_other(gap, speed, wanted):
+    assert compared(gap, speed).judgement == wanted
+
+
+def test_a_network_is_kept_where_it_is_better_than_all_and_left_where_one_is_as_good_for_sure():
+    better = compared((-0.3, -0.1), (1.0, 1.0))
+    open_yet = compared((-0.3, 0.1), (1.0, 1.0))
+    worse = compared((0.1, 0.3), (1.0, 1.0))
+    assert verdict([better, better]) == KEEP
+    assert verdict([better, open_yet]) == OPEN
+    assert verdict([better, worse]) == verdict([open_yet, worse]) == LEAVE
