@@ -2,7 +2,32 @@
 
 import time
 
-from nnpp_edge.runtime.compiled.cache import preparing
+
+class Preparing:
+    """The time that this process has spent on loading or compiling kernels, each of which may need
+    others.
+    """
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+        """Of those that are ready."""
+        self._begun = 0
+        self._began_s = 0.0
+
+    def begins(self) -> None:
+        """A kernel is looked for."""
+        if self._begun == 0:
+            self._began_s = time.perf_counter()
+        self._begun += 1
+
+    def ends(self) -> None:
+        """It is ready."""
+        self._begun -= 1
+        if self._begun == 0:
+            self.seconds += time.perf_counter() - self._began_s
+
+
+preparing = Preparing()
 
 
 class Stopwatch:

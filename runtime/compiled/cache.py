@@ -20,7 +20,6 @@ import os
 import pickle
 import secrets
 import sys
-import time
 import warnings
 from collections.abc import Sequence
 from contextlib import suppress
@@ -36,6 +35,7 @@ from numba.core.serialize import dumps
 from numba.core.sigutils import normalize_signature
 
 from nnpp_edge.runtime.compiled import places
+from nnpp_edge.runtime.stopwatch import preparing
 
 NumbaObject = Any
 """Something of numba's own, which has no types."""
@@ -48,33 +48,6 @@ _compiling: list[Timer] = []
 _CHECKSUM_BYTES = 32
 save_error: OSError | None = None
 """Why the first of the kernels that this process could not keep was not kept; None if all were."""
-
-
-class Preparing:
-    """The time that this process has spent on loading or compiling kernels, each of which may need
-    others.
-    """
-
-    def __init__(self) -> None:
-        self.seconds = 0.0
-        """Of those that are ready."""
-        self._begun = 0
-        self._began_s = 0.0
-
-    def begins(self) -> None:
-        """A kernel is looked for."""
-        if self._begun == 0:
-            self._began_s = time.perf_counter()
-        self._begun += 1
-
-    def ends(self) -> None:
-        """It is ready."""
-        self._begun -= 1
-        if self._begun == 0:
-            self.seconds += time.perf_counter() - self._began_s
-
-
-preparing = Preparing()
 
 
 class KernelCache(NullCache):
