@@ -11,6 +11,7 @@
 # this x86-64 machine, one for each of PYTHONS that is to be had; some minutes for each.
 # make try-aarch64: as root, both wheels on an emulated 64-bit ARM processor: the same plans as here, and fast tests. PYTHON is
 # to be 3.11.
+# make ros: the ROS 2 node beside plain rclpy, on the wheels of ROS 2 Kilted (x86-64), in an environment of its own.
 # make docs: the site, into build/site; nothing is fetched but the packages.
 # make fuzz MINUTES=30: damaged files, odd options, odd weights and the rest (docs/fuzzing.md).
 PYTHON ?= python3
@@ -22,8 +23,9 @@ TRY = .ci/try-wheel $(PYTHON) build/wheel/nnpp_edge-*.whl
 PYTEST := $(DEV)/bin/python -m pytest --numprocesses 2
 
 DOCS := .venv-docs
+ROS := .venv-ros
 
-.PHONY: demo check test coverage bench results docs fuzz kernels lint spelling types contract format wheel kernel-wheels try-aarch64 \
+.PHONY: demo check test coverage bench results docs ros fuzz kernels lint spelling types contract format wheel kernel-wheels try-aarch64 \
 	try-wheel try-oldest clean
 
 $(DEMO)/ready: pyproject.toml
@@ -115,8 +117,16 @@ $(DOCS)/ready: pyproject.toml
 docs: $(DOCS)/ready
 	NO_MKDOCS_2_WARNING=1 $(DOCS)/bin/mkdocs build --quiet --strict
 
+$(ROS)/ready: pyproject.toml
+	$(PYTHON) -m venv $(ROS)
+	$(ROS)/bin/pip install --quiet --disable-pip-version-check --editable '.[ros]' pytest hypothesis
+	touch $@
+
+ros: $(ROS)/ready
+	$(ROS)/bin/python -m pytest tests/robot/test_ros2.py tests/robot/test_ros2_messages.py
+
 fuzz: $(DEV)/ready
 	$(DEV)/bin/python -m tests.fuzz --minutes $(MINUTES)
 
 clean:
-	rm -rf $(DEMO) $(DEV) $(DOCS) build demo-out *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	rm -rf $(DEMO) $(DEV) $(DOCS) $(ROS) build demo-out *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis

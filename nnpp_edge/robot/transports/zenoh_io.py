@@ -21,7 +21,8 @@ from nnpp_edge.runtime.reading import refused_as
 if TYPE_CHECKING:
     import zenoh
 
-LOOPBACK = "tcp/127.0.0.1:7447"
+LOOPBACK = "tcp/127.0.0.1:7448"
+"""Not Zenoh's own port, 7447: there ROS' router listens, rmw_zenohd."""
 _PATIENCE_S = 1.0
 _CONFIGURATION = {
     "mode": "peer",

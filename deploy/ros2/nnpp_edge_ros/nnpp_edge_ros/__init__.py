@@ -1,0 +1,1 @@
+"""nnpp-edge as a package of a colcon workspace."""
