@@ -138,8 +138,8 @@ def reads_by_windows(
     need = f"{cells} need {_bytes(wanted)} in memory, {_bytes(room)} {left}"
     if whole:
         raise InvalidQueryError(
-            f"{need}: a vehicle or a directed step cost is planned for in memory alone, so cut "
-            "out a part of the map"
+            f"{need}: with a vehicle, a directed step cost or a figure it is planned in memory "
+            "alone, so cut out a part of the map (--crop)"
         )
     warnings.warn(f"{need}: read by windows", stacklevel=2)
     return True
