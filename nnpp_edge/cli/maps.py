@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime import Ground, Planner, Vehicle
 from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.cells import Cell, nearest
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, NnppEdgeError, Status
 from nnpp_edge.runtime.kernels.poses import FAILS
 from nnpp_edge.runtime.memory import available_bytes
@@ -138,8 +138,8 @@ def reads_by_windows(
     need = f"{cells} need {_bytes(wanted)} in memory, {_bytes(room)} {left}"
     if whole:
         raise InvalidQueryError(
-            f"{need}: a vehicle or a directed step cost is planned for in memory alone, so cut "
-            "out a part of the map"
+            f"{need}: with a vehicle, a directed step cost or a figure it is planned in memory "
+            "alone, so cut out a part of the map (--crop)"
         )
     warnings.warn(f"{need}: read by windows", stacklevel=2)
     return True
@@ -237,19 +237,17 @@ def _blocked(status: Status, cell: Cell, near: Near) -> str:
             max(cell[0] - _LOOKED_AROUND, 0),
             min(cell[0] + _LOOKED_AROUND + 1, near.place.shape[0]),
         )
-        stands = np.argwhere((near.poses.standing(rows) < FAILS).any(0))
-        stands[:, 0] += rows.start
+        stands = np.any(near.poses.standing(rows) < FAILS, axis=0)
         where = f"it can stand on no cell within {_LOOKED_AROUND} rows"
-        if len(stands):
-            where = f"the nearest cell where it can stand is {_nearest(stands, cell)}"
+        if stands.any():
+            row, col = nearest(stands, (cell[0] - rows.start, cell[1]))
+            where = f"the nearest cell where it can stand is {(row + rows.start, col)}"
         return f"{end}: {why_blocked(near.poses, cell)}; {where}"
     sides = (near.place.cell_size_m, near.place.cell_width_m)
     reason = why_impassable(near.elevation, at, sides, near.limits)
-    passable = np.argwhere(near.cost < 1.0)
-    if not len(passable):
+    passable = near.cost < 1.0
+    if not passable.any():
         return f"{end}: {reason}; so is all around it"
-    return f"{end}: {reason}; the nearest passable cell is {_nearest(passable + near.origin, cell)}"
-
-
-def _nearest(cells: NDArray[np.integer], cell: Cell) -> tuple[int, ...]:
-    return tuple(cells[((cells - cell) ** 2).sum(axis=1).argmin()].tolist())
+    row, col = nearest(passable, at)
+    passes = (row + near.origin[0], col + near.origin[1])
+    return f"{end}: {reason}; the nearest passable cell is {passes}"

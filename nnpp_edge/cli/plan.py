@@ -14,9 +14,10 @@ from nnpp_edge.runtime.options import PlanOptions, StepOptions
 
 _OUTPUT = "Folder for path.geojson, path.csv, plan.png and plan.json."
 _FORMATS = (
-    "Also write the path as GPX, path.gpx, or as GeoPackage with its stations and legs, path.gpkg "
-    "and for QGIS path.qml."
+    "Also write path.gpx; path.gpkg with stations and legs, and path.qml for QGIS; or a figure for "
+    "a paper as figure.pdf, figure.svg or figure.png."
 )
+_FIGURES = ("pdf", "svg", "png")
 _BYTES_PER_CELL = 24
 """At the peak of planning on a whole map: 19 to 23 measured, the most by `nnpp`
 (docs/decisions/maps.md).
@@ -34,7 +35,11 @@ def command(
     model: options.Model = "edge",
     output: Annotated[Path | None, "-o", options.PATH, _OUTPUT] = None,
     formats: Annotated[
-        tuple[str, ...], "--format", click.Choice(["gpkg", "gpx"]), options.MANY, _FORMATS
+        tuple[str, ...],
+        "--format",
+        click.Choice(["gpkg", "gpx", *_FIGURES]),
+        options.MANY,
+        _FORMATS,
     ] = (),
     memory: options.Memory = None,
     as_json: options.AsJson = False,
@@ -70,14 +75,13 @@ def command(
         "path.csv",
         "plan.png",
         "plan.json",
-        *(f"path.{name}" for name in formats),
+        *(f"{'figure' if name in _FIGURES else 'path'}.{name}" for name in formats),
         *(["path.qml"] if "gpkg" in formats else []),
     )
     outputs = [("--output", output / name) for name in names] if output else []
     robot.check_turns(query.get("refine"))
     robot.limits()  # those that make no sense are refused before any work
-    figure = ("--figure", request.figure)
-    options.check_outputs(*outputs, figure, more_inputs=request.files, make_folders=True)
+    options.check_outputs(*outputs, more_inputs=request.files, make_folders=True)
 
     with told_if_slow("loading the package"):
         from nnpp_edge.cli.maps import reads_by_windows
@@ -89,7 +93,7 @@ def command(
     per_cell = (
         _BYTES_PER_CELL + (bytes_per_cell(body) if body else 0) + DIRECTED_BYTES_PER_CELL * directed
     )
-    whole = directed or body is not None
+    whole = directed or body is not None or any(name in _FIGURES for name in formats)
     if request.crop is None and reads_by_windows(dem, memory, per_cell, whole=whole):
         answer = plan_by_windows(request, query, steps, dem, robot)
     else:
@@ -98,7 +102,7 @@ def command(
         )
     answer.warn_if_close()
     with told_if_slow("drawing and writing"):
-        files = answer.save([path for _, path in outputs], request.figure)
+        files = answer.save([path for _, path in outputs])
     tell(as_json, answer.figures(files), lambda: answer.text(files))
     if not answer.plan.ok:
         click.get_current_context().exit(1)

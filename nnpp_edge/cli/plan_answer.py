@@ -275,13 +275,10 @@ class Answer:
         """Start, the places between in the order of visits, and goal."""
         return self.tour.stops if self.tour else (self.start, self.goal)
 
-    def save(self, paths: list[Path], figure: Path | None) -> list[str]:
+    def save(self, paths: list[Path]) -> list[str]:
         """Write all files, or none; their names."""
-        files = [str(path) for path in [*paths, figure] if path is not None]
-        contents = {path: self._content(path, files) for path in paths}
-        if figure is not None:
-            contents[figure] = self.figure(figure.suffix.lower())
-        write_all(contents)
+        files = [str(path) for path in paths]
+        write_all({path: self._content(path, files) for path in paths})
         return files
 
     def _geopackage(self) -> bytes:
@@ -311,6 +308,8 @@ class Answer:
             "path.qml": lambda: LINE_STYLE.encode(),
             "path.gpx": lambda: route.gpx("nnpp-edge plan", self.stops),
         }
+        if path.stem == "figure":
+            return self.figure(path.suffix)
         try:
             return makers[path.name]()
         except InvalidQueryError as error:

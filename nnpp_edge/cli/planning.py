@@ -236,7 +236,6 @@ def plan_by_windows(
     """
     method = query.get("method", Method.AUTO)
     unfit = {
-        "--figure": request.figure is not None,
         f"--method {method}": method in ("astar", "nnpp"),
         "--compare": request.compare,
         "--refine": "refine" in query,

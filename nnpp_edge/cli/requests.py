@@ -19,9 +19,6 @@ if TYPE_CHECKING:
 _NUMBERS = re.compile(r"\s*([+-]?\d+)\s*,\s*([+-]?\d+)\s*|(xy|lonlat):([^,]+),([^,]+)")
 
 
-_FIGURES = (".pdf", ".svg", ".png")
-
-
 class End(NamedTuple):
     """A place, or several in the order of a layer's points, as the user named them."""
 
@@ -109,9 +106,6 @@ class PlanRequest:
         False
     )
     compare: Annotated[bool, "Plan with exact A* and the corridor planner too."] = False
-    figure: Annotated[
-        Path | None, "Write a figure for a paper: .pdf, .svg or .png, with a profile of heights."
-    ] = None
     crop: Annotated[
         float | None,
         "Read and search only the map this many metres around start, goal and via.",
@@ -121,10 +115,6 @@ class PlanRequest:
         """Refuse what does not go together."""
         if self.best_order and not self.via:
             raise click.UsageError("--best-order orders the places of --via: give --via too")
-        if self.figure is not None and self.figure.suffix.lower() not in _FIGURES:
-            raise click.UsageError(
-                f"--figure must end in {', '.join(_FIGURES)}, got {self.figure.name}"
-            )
 
     @property
     def files(self) -> list[Path]:

@@ -32,7 +32,6 @@ _SIZE = (
     "and --goal."
 )
 _GOAL = "As --start; by default the seed picks both."
-_CHANGES = "Obstacles that appear, move or vanish between two ticks; 0 for a world without any."
 _NOISE = "Standard deviation of the steering angle, degrees, of a vehicle that drives arcs."
 
 
@@ -53,7 +52,6 @@ def command(
     ticks: Annotated[int, "At most."] = 5000,
     sight: Annotated[int, "Cells to each side, beyond the body, that it sees."] = 12,
     speed: Annotated[int, "Cells a tick."] = 1,
-    changes: Annotated[int, click.IntRange(0), _CHANGES] = 1,
     steering_noise: Annotated[float, options.Real(0.0, 45.0), _NOISE] = 0.0,
     rocks: Annotated[float, options.Real(0.0, 0.2), "Share of the ground under rocks."] = 0.0,
     seed: options.Seed = 1,
@@ -100,7 +98,6 @@ def command(
         model,
         rate,
         ticks,
-        changes,
         sight=sight,
         speed=speed,
         seed=seed,

@@ -43,7 +43,7 @@ from nnpp_edge.viz.palette import (
     UNKNOWN,
     Colour,
 )
-from nnpp_edge.viz.sheet import CIRCLE, LEAST_PIXELS, MapDrawing, Picture, metres
+from nnpp_edge.viz.sheet import CIRCLE, LEAST_PIXELS, Item, MapDrawing, Picture, metres
 
 Mask = NDArray[np.bool_]
 Shade = NDArray[np.uint8]
@@ -141,11 +141,12 @@ class Chart:
         little of it.
         """
         inside = np.clip(np.rint(places).astype(np.int64), 0, np.subtract(self.cost.shape, 1))
-        part = holding(inside)
-        longest = max(part[2:])
+        row, col, rows, cols = holding(inside)
+        longest = max(rows, cols)
         margin = max(math.ceil(_AROUND * longest), _LEAST_AROUND)
-        rows, cols = (margin + max((2 * longest // 3 - side) // 2, 0) for side in part[2:])
-        part = widened(part, (rows, cols), self.cost.shape)
+        high = margin + max(2 * longest // 3 - rows, 0) // 2
+        wide = margin + max(2 * longest // 3 - cols, 0) // 2
+        part = widened((row, col, rows, cols), (high, wide), self.cost.shape)
         return part if part[2] * part[3] <= _ZOOMED * self.cost.size else self.whole
 
     def ground(self, part: Rectangle, step: int, tints: Sequence[Tint] = ()) -> Picture:
@@ -189,51 +190,47 @@ class Chart:
         row, col, rows, cols = part = part or self.whole
         step = max(max(rows, cols) // _MOST_CELLS, 1)
         drawing = MapDrawing(self.ground(part, step, tints), (row, col), step, least=least)
-        unknown = np.isnan(self.cost) if self.elevation is None else np.isnan(self.elevation)
+        unknown = np.isnan(self.cost if self.elevation is None else self.elevation)
         drawing.hatched(unknown[slices(part)][::step, ::step])
-        keys = []
-        if start is not None:
-            keys.append(drawing.swatch(START, begin))
-        if goal is not None:
-            keys.append(drawing.swatch(GOAL, "goal"))
+        keys: list[Item] = []
         for line in lines:
             if len(line.places):
-                keys.insert(
-                    2, drawing.drawn(28.0, [(_PIECE, *each) for each in line.layers], line.words)
-                )
+                pieces = [(_PIECE, *layer) for layer in line.layers]
+                keys.insert(0, drawing.drawn(28.0, pieces, line.words))
                 for colour, width in line.layers:
                     drawing.line(line.places[:, :2], colour, width)
-        if via:
-            keys.append(drawing.swatch(PAPER, "by way of"))
-        if drawing.bodies(outlines):
-            keys.append(drawing.swatch(BODY, "vehicle"))
-        keys += [drawing.swatch(tinted(tint), tint.words) for tint in tints]
-        for number, stop in enumerate(via, 1):
-            drawing.numbered(stop, str(number))
-        if ended is not None:
-            drawing.numbered(ended, "x", ENDED)
-            keys.append(drawing.swatch(ENDED, "where the search ended"))
+        with_bodies = drawing.bodies(outlines)
+        marked = [(stop, str(number), PAPER) for number, stop in enumerate(via, 1)]
+        marked += [] if ended is None else [(ended, "x", ENDED)]
+        for mark in marked:
+            drawing.numbered(*mark)
         if start is not None:
             drawing.ends(start, goal)
-        if part != self.whole:
-            places = np.array([each for each in (start, goal, *via) if each is not None])
-            self._overview(drawing, part, tints, places)
+            if part != self.whole:
+                away = np.array([start, goal or start, *via])
+                self._overview(drawing, part, tints, away)
 
-        # the ground's keys, and what is told in words
-        if (~(self.cost < 1.0) & ~unknown).any():
-            keys.append(drawing.swatch(SHUT_GROUND, "impassable"))
+        # the legend
+        swatches = (
+            (START, begin, start),
+            (GOAL, "goal", goal),
+            (PAPER, "by way of", via),
+            (BODY, "vehicle", with_bodies),
+            *((tinted(tint), tint.words, True) for tint in tints),
+            (ENDED, "where the search ended", ended),
+            (SHUT_GROUND, "impassable", (~(self.cost < 1.0) & ~unknown).any()),
+        )
+        keys += [drawing.swatch(colour, words) for colour, words, shown in swatches if shown]
         if unknown.any():
             stripes = [([(at, 7), (at + 13, -6)], UNKNOWN, 2.0) for at in (0, 9)]
             keys.append(drawing.drawn(22.0, stripes, "unknown"))
         costs = cost_picture(np.linspace(0.0, 0.999, 30, dtype=np.float32)[None])[0].tolist()
-        bar = [
-            ([(x, 0), (x + 4, 0)], each, 13.0)
-            for x, each in zip(range(7, 127, 4), costs, strict=True)
-        ]
+        places = zip(range(7, 127, 4), costs, strict=True)
+        bar = [([(x, 0), (x + 4, 0)], colour, 13.0) for x, colour in places]
         keys.append(drawing.drawn(137.0, bar, "traversability cost, 0 to 1"))
         scale = drawing.scale(None if self.sides_m is None else self.sides_m[1])
-        words = [drawing.text_item(fact) for fact in facts]
-        return drawing.finish([keys, words + scale + drawing.north(self.north_deg)])
+        told = [drawing.text_item(fact) for fact in facts]
+        return drawing.finish([keys, told + scale + drawing.north(self.north_deg)])
 
     def _overview(
         self, drawing: MapDrawing, part: Rectangle, tints: Sequence[Tint], places: Cells

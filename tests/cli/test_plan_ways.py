@@ -195,7 +195,7 @@ def test_a_geopackage_has_the_stations_and_the_legs_with_their_numbers(told, hil
     Path("a.geojson").write_text(
         json.dumps({"type": "FeatureCollection", "features": features} | named)
     )
-    found = told(f"{PLAN} --via a.geojson --compare -o out --format gpkg --figure fig.svg")
+    found = told(f"{PLAN} --via a.geojson --compare -o out --format gpkg --format svg")
     assert found["compare"][0]["gap"] >= 0.0
     read = {}
     for name in ("stations", "legs"):
@@ -207,7 +207,7 @@ def test_a_geopackage_has_the_stations_and_the_legs_with_their_numbers(told, hil
     for name in ("cost", "length_m", "time_s", "climb_m"):
         assert sum(read["legs"][name]) == pytest.approx(found[name], abs=1e-3)
     assert ElementTree.parse("out/path.qml").find("layerGeometryType").text == "1"
-    words = " ".join(ElementTree.parse("fig.svg").getroot().itertext())
+    words = " ".join(ElementTree.parse("out/figure.svg").getroot().itertext())
     for word in ("camp", "rim", "goal", "x, km", "height, m", "distance along the path, m"):
         assert word in words
 

@@ -48,7 +48,6 @@ $PLAN --via 20,86                              | via 1, (20, 86), is impassable
 $PLAN --via 1,1 --via 80,3                     | via 2, (80, 3), lies outside the map
 $PLAN --via far.gpkg                           | via 2, (200, 300), lies outside the map
 $PLAN --best-order                             | --best-order orders the places of --via
-$PLAN --figure plan.jpg                        | --figure must end in .pdf, .svg, .png, got plan.jpg
 $PLAN --goal 1,1 --via 3,3                     | --goal, with --via, must be one place, got 2
 $PLAN --via none.gpkg                          | lonlat:LON,LAT, or a vector file, got 'none.gpkg'
 $PLAN --step-cost energy                       | with mass_kg and rolling_resistance, such as the shipped vehicles
@@ -86,7 +85,7 @@ $PLAN --resample 0.001                         | finer cells, below 2 m and at m
 $SMALL --resample 1                            | --resample needs the whole map in memory
 $SMALL --vehicle small-rover                   | in memory alone
 $SMALL --method astar                          | --method astar needs the whole map
-$SMALL --compare --figure a.pdf                | --figure, --compare needs the whole map
+$SMALL --compare                               | --compare needs the whole map
 $SMALL --refine any-angle                      | --refine needs the whole map
 $SMALL --start 400,5                           | start (400, 5) lies outside the map of 80 × 90 cells
 $SMALL --start 9,86                            | start (9, 86) is impassable: its elevation is unknown; the nearest
