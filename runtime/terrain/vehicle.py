@@ -169,19 +169,13 @@ class Vehicle:
     @property
     def contact_m(self) -> tuple[float, float]:
         """Length and width of a wheel's contact patch."""
-        long = self.length_m / 8.0 if self.wheel_length_m is None else self.wheel_length_m
-        return long, self.width_m / 8.0 if self.wheel_width_m is None else self.wheel_width_m
+        return self.wheel_length_m or self.length_m / 8.0, self.wheel_width_m or self.width_m / 8.0
 
     @property
     def stance_m(self) -> tuple[float, float]:
         """Wheelbase and track."""
         long, wide = self.contact_m
-        base = self.wheelbase_m
-        track = self.track_m
-        return (
-            self.length_m - long if base is None else base,
-            self.width_m - wide if track is None else track,
-        )
+        return self.wheelbase_m or self.length_m - long, self.track_m or self.width_m - wide
 
     @property
     def wheels_m(self) -> NDArray[np.float64]:
@@ -195,17 +189,13 @@ class Vehicle:
     @property
     def step_m(self) -> float:
         """Greatest difference of heights under a contact patch."""
-        return self.clearance_m if self.max_step_m is None else self.max_step_m
+        return self.max_step_m or self.clearance_m
 
     @property
     def tilts_deg(self) -> tuple[float, float, float]:
         """Steepest pitch, roll and tilt."""
-        pitch = self.max_tilt_deg if self.max_pitch_deg is None else self.max_pitch_deg
-        return (
-            pitch,
-            self.max_tilt_deg if self.max_roll_deg is None else self.max_roll_deg,
-            self.max_tilt_deg,
-        )
+        tilt = self.max_tilt_deg
+        return self.max_pitch_deg or tilt, self.max_roll_deg or tilt, tilt
 
     @property
     def allowances(self) -> tuple[float, float, float, float, float]:

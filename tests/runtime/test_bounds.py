@@ -8,7 +8,6 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from nnpp_edge.runtime import (
-    DynamicMethod,
     DynamicPlanner,
     Method,
     NetworkModel,
@@ -106,38 +105,6 @@ def test_every_methods_bound_holds_and_is_as_close_as_asked(network, method, eps
             assert (
                 sources[Source.REGION] + sources[Source.WIDENED] >= 2
             )  # else the bound was an exact search's
-
-
-@pytest.mark.parametrize("step_cost", ["paper", "length"])
-@pytest.mark.parametrize("method", DynamicMethod)
-def test_every_dynamic_methods_bound_holds_while_the_map_changes(network, method, step_cost):
-    rng = np.random.default_rng(2)
-    for cost, start, goal, corner_cutting in maps(step_cost, 2, 3):
-        options = {"step_cost": step_cost, "corner_cutting": corner_cutting, "model": network}
-        planner = DynamicPlanner(cost, goal, method, **options)
-        for at in range(4):
-            planner.move((start[0] + at, start[1]))
-            cost[start[0] + at, start[1]] = cost[5, 5]
-            planner.update(0, 0, cost)
-            plan = planner.replan(keep_regions=True)
-            query = ((start[0] + at, start[1]), goal)
-            refused = refused_by(plan, cost, *query, step_cost, corner_cutting)
-            if plan.region is not None and method.mends_regions and query[0] != goal:
-                refused = planner.state.grid.least_cost(
-                    *query
-                )  # D* Lite does not say what it refused
-            check(plan, oracles.dijkstra(cost, query[0], step_cost, corner_cutting)[goal], refused)
-            row, col = rng.integers(10, 50, 2)
-            factor = rng.choice([0.5, 2.0]) if step_cost == "length" else 0.5
-            cost[row : row + 8, col : col + 8] *= np.float32(factor)
-            planner.update(row, col, cost[row : row + 8, col : col + 8])
-            standing = planner.standing()
-            optimum = oracles.dijkstra(cost, (start[0] + at, start[1]), step_cost, corner_cutting)[
-                goal
-            ]
-            if standing.valid:
-                assert standing.lower_bound <= optimum * (1.0 + CLOSE)
-                assert standing.cost >= optimum * (1.0 - CLOSE)
 
 
 @pytest.mark.parametrize("method", ["astar", "corridor", "nnpp"])

@@ -103,6 +103,9 @@ def test_a_planner_that_is_asked_at_any_time_answers_as_the_map_is(
         if step == "stand":
             found = planner.standing()
             check_standing(found, planner.standing_plan, cost, optimum, model)
+            if found.index >= 0:
+                least = min(found.cost, planner.state.grid.least_cost(start, goal))
+                assert found.lower_bound >= least * (1 - 1e-6)
             if alike:  # by the optimum
                 other = eager.standing()
                 assert (other.footing, other.blocked_at) == (found.footing, found.blocked_at)

@@ -294,6 +294,19 @@ def test_a_goal_that_is_shut_off_is_approached():
     assert nav.tick().goal == (5, 50)
 
 
+def test_a_kept_path_tells_what_is_known_of_it_by_now():
+    ground = Ground.of_coarse(flat(10, 12), 4.0, 4, prior="slope")
+    nav = Navigator(ground, tolerance=10.0)
+    nav.offer(Pose(5, 5))
+    nav.offer(Goal(30, 40))
+    nav.offer(MapPatch(0, 0, elevation=flat(20, 24)))
+    first = nav.tick()
+    nav.offer(MapPatch(0, 0, elevation=flat(40, 40)))
+    nav.offer(Pose(*first.path[4]))
+    kept = nav.tick()
+    assert kept.origin is Origin.STANDING and kept.known > first.known > 4
+
+
 def test_what_is_unknown_around_a_body_is_said():
     heights = flat(40, 40)
     heights[10:20, 10:20] = np.nan
