@@ -1,14 +1,13 @@
 """`nnpp-edge learn`: a network for one's own ground, and whether it is worth keeping."""
 
 import io
-import math
 import shlex
 from collections.abc import Callable
 from contextlib import redirect_stdout
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import click
 import msgspec
@@ -17,98 +16,64 @@ from nnpp_edge.cli import options
 from nnpp_edge.cli.ground_options import TerrainOptions
 from nnpp_edge.cli.text import columns, table
 from nnpp_edge.files import make_folder, write_whole
-from nnpp_edge.profiling.contest import Figures
-from nnpp_edge.profiling.worth import BETTER, KEEP, OPEN, Beside, Interval, beside, verdict
 from nnpp_edge.runtime.errors import InvalidQueryError, OutputError
 from nnpp_edge.runtime.options import Omega
 from nnpp_edge.runtime.reading import refused_as
 
-if TYPE_CHECKING:
-    from nnpp_edge.runtime.terrain.traversability import Traversability
-    from nnpp_edge.terrain.dem import Dem
-
-_OWN = "own"
-"""Name of the network, in its file and in the table."""
-_NAMES = {"astar": "exact A*", "corridor": "corridor", "nnpp:edge": "edge", "nnpp": _OWN}
-"""The planners, as the table calls them."""
-_REGION_FACTOR = 0.2
+REGION_FACTOR = 0.2
 """On the adaptive threshold: that of the shipped `edge`, so that only the weights differ."""
-_INPUT = 64
-"""Side of the network's input."""
-_LARGEST = 256
-"""Side of the training's maps at most: such a map is shown averaged over 4 × 4 cells."""
+SIZES = (64, 128, 256)
+"""Sides of the training's maps, of which the largest that fits is taken; `edge` is shown 64²."""
 VALIDATED_ON = 128
 """Maps of the stripe that is held out, for validation."""
-_MOST_COMPARED = 512
-"""Cells to a side of the maps that planners are compared on, at most."""
+MOST_COMPARED = 2048
+"""Cells to a side of the map that planners are compared on, at most."""
+STEPS = 6
 _MINUTES = "Minutes of training, about."
-_SHARE = (
-    "Share of the map, a stripe at the end of its longer side, that is not trained on, to judge by."
-)
+_SHARE = "Share of the map, a stripe at the end of its longer side, that is kept to judge by."
 _COLUMNS = columns(
     "planner: method | first/region: success_raw .1% | gap/mean: gap_mean z.2% | "
     "gap/p99: gap_p99 z.2% | ms/median: time_ms_median | times as/fast: speedup_total"
 )
 
 
-class Step(msgspec.Struct):
-    """A step that was made, as `learn.json` keeps it."""
-
-    line: str
-    """The command, or what it does."""
-    answer: str
-    """What it printed, or its figures as JSON."""
-
-
-class Comparison(msgspec.Struct):
-    """The network beside other planners, on ground that it was not trained on."""
-
-    network: str
-    shape: tuple[int, int]
-    """Of the maps, in cells."""
-    figures: list[Figures]
-    beside: list[Beside]
-    verdict: str
-
-
 class Steps:
-    """Steps that are made one after another. Those that were made before are not repeated, unless
-    their lines or that of a step before have changed.
+    """Steps made one after another. Those that were made before are not repeated, unless their
+    lines or that of a step before have changed.
     """
 
-    def __init__(self, folder: Path, count: int, show: Callable[[str], None]) -> None:
-        self._file = folder / "learn.json"
-        self._count = count
+    def __init__(self, file: Path, show: Callable[[str], None]) -> None:
+        self._file = file
         self._show = show
-        self._made: list[Step] = []
-        self._before: list[Step] = []
-        if self._file.exists():
-            with refused_as(OutputError, f"{self._file}: wanted the steps of nnpp-edge learn"):
-                self._before = msgspec.json.decode(self._file.read_bytes(), type=list[Step])
+        self._made: list[tuple[str, str]] = []
+        self._before: list[tuple[str, str]] = []
+        """Lines of steps, and what these printed."""
+        if file.exists():
+            with refused_as(OutputError, f"{file}: wanted the steps of nnpp-edge learn"):
+                self._before = msgspec.json.decode(file.read_bytes(), type=list[tuple[str, str]])
 
-    def answer(self, line: str, make: Callable[[], str]) -> str:
-        """The answer of the next step, which is made if need be."""
-        self._show(f"[{len(self._made) + 1}/{self._count}] {line}")
-        if self._before and self._before[0].line == line:
+    def make(self, line: str, call: Callable[[], str]) -> str:
+        """Make the next step, if need be; what it printed, which is shown."""
+        self._show(f"[{len(self._made) + 1}/{STEPS}] {line}")
+        if self._before and self._before[0][0] == line:
             step = self._before.pop(0)
         else:
             self._before.clear()
-            step = Step(line, make())
+            step = (line, call())
+        self._show(step[1])
         self._made.append(step)
         content = msgspec.json.encode([*self._made, *self._before])
         write_whole(self._file, msgspec.json.format(content, indent=1))
-        return step.answer
+        return step[1]
 
     def command(self, *words: object) -> str:
-        """What a command prints, which is shown."""
+        """Run a command of nnpp-edge."""
         line = list(map(str, words))
-        printed = self.answer(shlex.join(["nnpp-edge", *line]), partial(_printed, line))
-        self._show(printed)
-        return printed
+        return self.make(shlex.join(["nnpp-edge", *line]), partial(_printed, line))
 
 
 def _printed(words: list[str]) -> str:
-    """What a command prints on stdout; its exit code is this one's, too, if it is not 0."""
+    """What a command prints on stdout; it ends this one, too, where its exit code is not 0."""
     from nnpp_edge.cli.main import cli
 
     with redirect_stdout(io.StringIO()) as out:
@@ -148,130 +113,105 @@ def command(
     """
     from nnpp_edge.terrain.dem import read_dem
 
-    limits = terrain.limits()
-    dem = read_dem(elevations, terrain.cell_size)
-    side = _side_of_maps(dem, validation_share)
+    terrain = replace(terrain, workload=terrain.workload or "safe")
+    terrain.limits()  # refused now
+    shape = read_dem(elevations, terrain.cell_size).shape
+    room = min(*shape, round(validation_share * max(shape)))
+    fitting = [size for size in SIZES if size <= room]
+    if not fitting:
+        wanted = f"at least {SIZES[0]} cells across the stripe that --validation-share holds out"
+        raise InvalidQueryError(f"{elevations}: wanted {wanted}, got {room}: {shape}")
     make_folder(output)
-    steps = Steps(output, 6, partial(click.echo, err=as_json))
+    steps = Steps(output / "learn.json", partial(click.echo, err=as_json))
 
-    ground = ["--size", side, "--validation-share", validation_share, "--omega", omega]
+    ground = ["--size", fitting[-1], "--validation-share", validation_share, "--omega", omega]
     ground += ["--own-cell-size"] if terrain.rescale is None else ["--rescale", terrain.rescale]
-    ground += ["--workload", terrain.workload or "safe"]
-    for limit in terrain.limit:
-        ground += ["--limit", limit.word]
+    ground += ["--workload", terrain.workload]
+    ground += [word for limit in terrain.limit for word in ("--limit", limit.word)]
     if terrain.cell_size is not None:
         ground += ["--cell-size", terrain.cell_size]
-    data = output / "data"
-    held_out = output / "data-held-out"
+    data, held_out, run = (output / name for name in ("data", "data-held-out", "run"))
     drawn = ["--maps", maps, "--seed", seed]
     steps.command("dataset", elevations, "-o", data, *ground, *drawn)
     drawn = ["--maps", VALIDATED_ON, "--seed", seed + 1, "--synthetic-share", 0, "--held-out"]
     steps.command("dataset", elevations, "-o", held_out, *ground, *drawn)
 
-    run = output / "run"
     chosen = ["--validation", held_out, "--time-limit", time_limit, "--seed", seed]
     steps.command("train", data, "-o", run, *chosen)
-    best = run / "best.pt"
-    checkpoint = best if best.exists() else run / "checkpoint.pt"
-    fp32 = output / "fp32.onnx"
-    facts = ["--name", _OWN, "--region-factor", _REGION_FACTOR, "--dataset", data]
+    checkpoint = next(
+        path for name in ("best", "checkpoint") if (path := run / f"{name}.pt").exists()
+    )
+    fp32, int8 = (output / f"{name}.onnx" for name in ("fp32", "int8"))
+    facts = ["--name", "own", "--region-factor", REGION_FACTOR, "--dataset", data]
     steps.command("export", checkpoint, "-o", fp32, *facts)
-    int8 = output / "int8.onnx"
     sets = ["--dataset", data, "--validation", held_out, "--seed", seed]
     recommended = steps.command("quantize", fp32, "-o", int8, *sets).splitlines()[-1]
 
     network = int8 if recommended.startswith("int8") else fp32
-    compare = partial(_compare, network, held_out, terrain, limits, omega, queries, seed)
-    line = f"{network} beside exact A*, corridor and edge, on {queries} queries of the stripe"
-    answer = steps.answer(line, compare)
+    line = f"{network} (nnpp), exact A*, corridor and edge on {queries} queries of the stripe"
+    compare = partial(_compared, network, held_out, terrain, omega, queries, seed)
+    steps.make(line, compare)
     if as_json:
-        click.echo(answer)
-    else:
-        click.echo(_text(msgspec.json.decode(answer, type=Comparison), elevations, queries))
+        click.echo((output / "comparison.json").read_text())
 
 
-def _side_of_maps(dem: "Dem", validation_share: float) -> int:
-    """Side of the training's maps, which fit into the stripe that is held out."""
-    longer = max(dem.shape)
-    stripe = longer - round((1.0 - validation_share) * longer)
-    room = min(*dem.shape, stripe)
-    if room >= _INPUT:
-        return max(side for side in (_INPUT, 2 * _INPUT, _LARGEST) if side <= room)
-    wanted = f"wanted room for maps of {_INPUT} × {_INPUT} cells in the stripe that is held out"
-    share = math.ceil(100 * _INPUT / longer) / 100
-    way_out = "a larger map"
-    if min(dem.shape) >= _INPUT and share <= 0.5:
-        way_out = f"--validation-share {share:g}"
-    rows, cols = dem.shape
-    raise InvalidQueryError(
-        f"{dem.source}: {wanted}, got {room} cells of {rows} × {cols}: give {way_out}"
-    )
-
-
-def _compare(
+def _compared(
     network: Path,
     held_out: Path,
     terrain: TerrainOptions,
-    limits: "Traversability",
     omega: float,
     queries: int,
     seed: int,
 ) -> str:
-    """A `Comparison` as JSON."""
-    from nnpp_edge.profiling.evaluate import answers, figures_of
+    """The network beside other planners on the stripe, in words; figures in a file beside it."""
+    import numpy as np
+
+    from nnpp_edge.profiling.contest import Row
+    from nnpp_edge.profiling.evaluate import evaluate
     from nnpp_edge.profiling.rivals import exact_and
-    from nnpp_edge.profiling.suites import part_cases
+    from nnpp_edge.profiling.suites import LEAST_DISTANCE, Case
+    from nnpp_edge.profiling.worth import beside, verdict
     from nnpp_edge.progress import bar
+    from nnpp_edge.runtime.map.ground import Ground
     from nnpp_edge.runtime.network.inference import NetworkModel
     from nnpp_edge.terrain.dataset import read_recipe
+    from nnpp_edge.terrain.labels import random_query
     from nnpp_edge.terrain.shards import read_terrain
 
     (stripe,) = read_terrain(read_recipe(held_out))
     if terrain.rescale is not None:
         stripe = stripe.rescaled(terrain.rescale)
-    rows, cols = (min(_MOST_COMPARED, cells) for cells in stripe.shape)
-    networks = {_OWN: NetworkModel(network), "edge": NetworkModel("edge")}
-    rivals = [replace(rival, omega=omega) for rival in exact_and(("corridor", "nnpp"), networks)]
-    cases = part_cases(stripe, terrain.workload or "safe", _MOST_COMPARED, limits, seed)
+    heights = np.ascontiguousarray(stripe.elevation[:MOST_COMPARED, :MOST_COMPARED])
+    ground = Ground.of_elevation(
+        heights, stripe.cell_size_m, terrain.limits(), cell_width_m=stripe.cell_width_m
+    )
+    cost = ground.costs()
+    side = max(cost.shape)
+    rng = np.random.default_rng(seed)
+    # more than are wanted, as some have no path
+    drawn = (random_query(rng, cost, LEAST_DISTANCE * side) for _ in range(2 * queries))
+    ends = tuple(query for query in drawn if query is not None)
+    if not ends:
+        raise InvalidQueryError(f"{stripe.source}: wanted passable cells on the stripe, got none")
+    case = Case(str(terrain.workload), side, cost, ends, ground)
+    networks = {"own": NetworkModel(network), "edge": NetworkModel("edge")}
+    rivals = [replace(each, omega=omega) for each in exact_and(("corridor", "nnpp"), networks)]
+    rows: dict[str, list[Row]] = {}
     with bar("compare", queries) as advance:
-        found = answers(cases, rivals, queries, progress=advance)
-    own = found.rows["nnpp"]
-    pairs = [beside(name, own, found.rows[name]) for name in ("corridor", "nnpp:edge")]
-    figures = list(figures_of(found, rivals).values())
-    compared = Comparison(str(network), (rows, cols), figures, pairs, verdict(pairs))
-    return msgspec.json.encode(compared).decode()
-
-
-def _text(found: Comparison, elevations: Path, queries: int) -> str:
-    """A comparison for people."""
-    rows = [{**row, "method": _NAMES[str(row["method"])]} for row in found.figures]
-    lines = [table(rows, _COLUMNS)]
-    for each in found.beside:
-        gap = each.gap_points
-        change = "larger" if gap.value > 0.0 else "smaller"
-        lines.append(
-            f"{_OWN} beside {_NAMES[each.other]}: mean gap {abs(gap.value):.2f} points {change} "
-            f"({_range(gap)}), {each.times_as_fast.value:.2f} times as fast "
-            f"({_range(each.times_as_fast)}): {each.judgement}"
-        )
-    rows_and_cols = "{} × {}".format(*found.shape)
+        figures = evaluate([case], rivals, queries, progress=advance, rows=rows)
+    pairs = [beside(name, rows["nnpp"], rows[name]) for name in ("corridor", "nnpp:edge")]
+    told = {"network": str(network), "verdict": verdict(pairs), "beside": pairs, "rows": figures}
+    content = msgspec.json.format(msgspec.json.encode(told), indent=1)
+    write_whole(network.with_name("comparison.json"), content)
+    lines = [table(list(figures.values()), _COLUMNS)]
+    for each in pairs:
+        gap = f"mean gap {each.gap_points} points above"
+        speed = f"{each.times_as_fast} times as fast"
+        lines.append(f"nnpp beside {each.other}: {gap}, {speed}: {each.judgement}")
+    size = "{} × {}".format(*cost.shape)
     lines.append(
-        f"{queries} queries on ground that it was not trained on, maps of {rows_and_cols} cells; "
+        f"{len(rows['nnpp'])} queries on a map of {size} cells that it was not trained on; "
         "brackets: 95 %, had other queries been drawn there"
     )
-    lines.append(f"verdict: {found.verdict}; {_advice(found, elevations, queries)}")
+    lines.append(f"verdict: {told['verdict']}")
     return "\n".join(lines)
-
-
-def _advice(found: Comparison, elevations: Path, queries: int) -> str:
-    """What to do after a verdict."""
-    if found.verdict == KEEP:
-        return f"nnpp-edge plan {elevations} --method nnpp --model {found.network}"
-    if found.verdict == OPEN:
-        return f"--queries {4 * queries} halves the intervals; until then take corridor"
-    better = [each for each in found.beside if each.judgement != BETTER]
-    return f"take {_NAMES[better[0].other]}"
-
-
-def _range(interval: Interval) -> str:
-    return f"{interval.low:.2f} to {interval.high:.2f}"

@@ -1,8 +1,6 @@
 """Every planner on the same queries, in one interleaved run, judged by the exact optimum."""
 
-from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from itertools import product
 
@@ -75,18 +73,6 @@ _ON_FRESH_MAP = {
 }
 
 
-@dataclass(frozen=True)
-class Answers:
-    """All that the planners answered, before it is summarised."""
-
-    rows: Mapping[str, Sequence[Row]]
-    """By planner, in the order of the queries."""
-    unsolvable: int
-    """Queries without a path, which are left out."""
-    poses: int
-    """Of a vehicle's body on a map; 0 of a point."""
-
-
 def evaluate(
     cases: Iterable[Case],
     rivals: Sequence[RivalPlanner],
@@ -95,36 +81,22 @@ def evaluate(
     repeats: int = 3,
     fresh_map: bool = False,
     progress: Progress = ignore,
+    rows: dict[str, list[Row]] | None = None,
 ) -> dict[str, Figures]:
-    """Have every planner answer the same queries, as `answers`: a row of figures for each planner's
-    key, in order.
+    """Have every planner, exact A* among them, answer the same queries: a row of figures for each
+    planner's key, in order.
 
-    docs/evaluate.md says what counts, docs/reference/figures.md what the figures are.
-    """
-    found = answers(cases, rivals, queries, repeats=repeats, fresh_map=fresh_map, progress=progress)
-    return figures_of(found, rivals)
-
-
-def answers(
-    cases: Iterable[Case],
-    rivals: Sequence[RivalPlanner],
-    queries: int,
-    *,
-    repeats: int = 3,
-    fresh_map: bool = False,
-    progress: Progress = ignore,
-) -> Answers:
-    """Have every planner, exact A* among them, answer the same queries.
-
-    `queries` are judged by, fewer if the cases run out, each answered `repeats` times in turns.
-    `progress` is called with the number that are done. All cases are a vehicle's, or none. With
-    `fresh_map` a planner is also made of the elevations for each call, lazily and eagerly.
+    docs/evaluate.md says what counts, docs/reference/figures.md what the figures are. `queries` are
+    judged by, fewer if the cases run out, each answered `repeats` times in turns. `progress` is
+    called with the number that are done. All cases are a vehicle's, or none. With `fresh_map` a
+    planner is also made of the elevations for each call, lazily and eagerly. `rows` is filled with
+    each planner's answers, in the order of the queries.
 
     InvalidQueryError for 50 maps in a row without a path.
     """
     exercise()
     harness = Harness()
-    rows = defaultdict[str, list[Row]](list)
+    rows = {} if rows is None else rows
     done = in_vain = unsolvable = poses = 0
     for case in cases:
         on_map = _OnMap(case, rivals, fresh_map)
@@ -140,31 +112,23 @@ def answers(
         wanted = solvable[: queries - done]
         for records in harness.measure(on_map.calls, wanted, repeats=repeats, after=on_map.forget):
             for name, row in on_map.judged(records):
-                rows[name].append(row)
+                rows.setdefault(name, []).append(row)
             done += 1
             progress(done)
         if done >= queries:
             break
-    return Answers(rows, unsolvable, poses)
 
-
-def figures_of(answers: Answers, rivals: Sequence[RivalPlanner]) -> dict[str, Figures]:
-    """Figures of the answers, for each planner's key, in order."""
     found: dict[str, Figures] = {}
     for rival, lazy in product(rivals, (True, False)):
         key = _key(rival, lazy)
-        own = answers.rows.get(rival.name)
-        on_fresh = answers.rows.get(_FRESH + key)
-        if not own or not (lazy or on_fresh):
+        answers = rows.get(rival.name)
+        on_fresh = rows.get(_FRESH + key)
+        if not answers or not (lazy or on_fresh):
             continue
-        figures = {
-            "method": key,
-            **summarised(own, _ANSWERS),
-            "unsolvable": answers.unsolvable,
-        }
-        if answers.poses:
-            every_pose = {"checks_mean": answers.poses, "checks_share_mean": 1.0}
-            figures |= summarised(own, _OF_BODY) | ({} if lazy else every_pose)
+        figures = {"method": key, **summarised(answers, _ANSWERS), "unsolvable": unsolvable}
+        if poses:
+            every_pose = {"checks_mean": poses, "checks_share_mean": 1.0}
+            figures |= summarised(answers, _OF_BODY) | ({} if lazy else every_pose)
         if on_fresh:
             figures |= summarised(on_fresh, _ON_FRESH_MAP)
         found[key] = figures

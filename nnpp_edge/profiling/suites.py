@@ -183,43 +183,13 @@ def terrain_cases(
         heights = np.ascontiguousarray(heights)
         ground = Ground.of_elevation(heights, size_m, limits, cell_width_m=width_m, vehicle=vehicle)
 
-        case = _case(name, size, ground, rng, least)
-        in_vain = 0 if case.queries else in_vain + 1
-        if case.queries:
-            yield case
+        cost = whole_cost(ground)
+        drawn = [random_query(rng, cost, least) for _ in range(QUERIES_PER_MAP)]
+        queries = tuple(query for query in drawn if query is not None)
+        in_vain = 0 if queries else in_vain + 1
+        if queries:
+            yield Case(name, size, cost, queries, ground)
     raise InvalidQueryError(
         f"no two passable cells {least:.0f} apart were found in {_TRIES} maps of {size} × {size} "
         f"for the workload {name}"
     )
-
-
-def part_cases(
-    dem: Dem, name: str, most: int, limits: Traversability, seed: int = 1
-) -> Iterator[Case]:
-    """Cases on random parts of one terrain, as large as it is, but at most `most` cells to each
-    side: without end, unless there is nowhere to go.
-
-    Start and goal are `LEAST_DISTANCE` of the longer side apart; that is the case's size. `limits`
-    are those of the cost, whose workload `name` tells.
-    """
-    rng = np.random.default_rng(seed)
-    rows, cols = (min(most, cells) for cells in dem.shape)
-    size = max(rows, cols)
-    in_vain = 0
-    while in_vain < _TRIES:
-        heights = np.ascontiguousarray(dem.random_part(rng, (rows, cols)))
-        ground = Ground.of_elevation(
-            heights, dem.cell_size_m, limits, cell_width_m=dem.cell_width_m
-        )
-        case = _case(name, size, ground, rng, LEAST_DISTANCE * size)
-        in_vain = 0 if case.queries else in_vain + 1
-        if case.queries:
-            yield case
-
-
-def _case(name: str, size: int, ground: Ground, rng: np.random.Generator, least: float) -> Case:
-    """A map with random queries whose ends are so many cells apart."""
-    cost = whole_cost(ground)
-    drawn = [random_query(rng, cost, least) for _ in range(QUERIES_PER_MAP)]
-    queries = tuple(query for query in drawn if query is not None)
-    return Case(name, size, cost, queries, ground)

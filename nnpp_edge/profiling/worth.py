@@ -14,13 +14,12 @@ RESAMPLED = 2000
 """Draws of the queries, with replacement, that an interval is made of."""
 AS_FAST = 1.05
 """Factor between two planners' times up to which they count as equally fast."""
-KEEP = "keep it"
-LEAVE = "not worth keeping"
-OPEN = "cannot be told"
 BETTER = "better"
 WORSE = "worse"
-TRADE = "closer but slower, or faster but farther"
 ALIKE = "no difference shown"
+KEEP = "keep it"
+LEAVE = "not worth keeping"
+OPEN = "cannot be told, more --queries narrow the intervals"
 
 
 @dataclass(frozen=True)
@@ -31,13 +30,15 @@ class Interval:
     low: float
     high: float
 
+    def __str__(self) -> str:
+        return f"{self.value:.2f} ({self.low:.2f} to {self.high:.2f})"
+
 
 @dataclass(frozen=True)
 class Beside:
     """A planner beside another one, over the same queries."""
 
     other: str
-    queries: int
     gap_points: Interval
     """Its mean gap less the other's, in percentage points of the optimum's cost: below 0 it is
     closer to the optimum.
@@ -47,49 +48,44 @@ class Beside:
 
     @property
     def judgement(self) -> str:
-        """What the intervals show: `BETTER` where it is closer or faster and not the opposite of
-        the other.
+        """`WORSE` where it is for sure farther or slower, else `BETTER` where it is closer or
+        faster.
         """
         gap = self.gap_points
         speed = self.times_as_fast
-        gains = (gap.high < 0.0, speed.low > AS_FAST)
-        losses = (gap.low > 0.0, speed.high < 1.0 / AS_FAST)
-        if any(gains):
-            return TRADE if any(losses) else BETTER
-        return WORSE if any(losses) else ALIKE
+        if gap.low > 0.0 or speed.high < 1.0 / AS_FAST:
+            return WORSE
+        return BETTER if gap.high < 0.0 or speed.low > AS_FAST else ALIKE
 
 
-def beside(other: str, own: Sequence[Row], others: Sequence[Row], seed: int = 0) -> Beside:
-    """Compare rows of `profiling.evaluate.answers` with those of another planner, which are of the
-    same queries in the same order.
-    """
-    pairs = zip(own, others, strict=True)
+def beside(other: str, own: Sequence[Row], others: Sequence[Row]) -> Beside:
+    """Compare `rows` of `profiling.evaluate.evaluate` with those of another planner."""
     columns = [
-        (ours["gap"] - theirs["gap"], ours["time_ms"], theirs["time_ms"]) for ours, theirs in pairs
+        (ours["gap"] - theirs["gap"], ours["time_ms"], theirs["time_ms"])
+        for ours, theirs in zip(own, others, strict=True)
     ]
     figures = np.array(columns).T
-    count = figures.shape[1]
-    drawn = np.random.default_rng(seed).integers(count, size=(RESAMPLED, count))
+    count = len(columns)
+    drawn = np.random.default_rng(0).integers(count, size=(RESAMPLED, count))
     gap, own_ms, other_ms = figures.mean(axis=1)
-    resampled = figures[:, drawn].mean(axis=-1)
+    gaps, own_times, other_times = figures[:, drawn].mean(axis=-1)
     return Beside(
         other,
-        count,
-        _interval(100.0 * gap, 100.0 * resampled[0]),
-        _interval(other_ms / own_ms, resampled[2] / resampled[1]),
+        _interval(100.0 * gap, 100.0 * gaps),
+        _interval(other_ms / own_ms, other_times / own_times),
     )
 
 
 def _interval(value: float, drawn: NDArray[np.float64]) -> Interval:
-    low, high = np.quantile(drawn, (0.025, 0.975))
-    return Interval(float(value), float(low), float(high))
+    low, high = np.quantile(drawn, (0.025, 0.975)).tolist()
+    return Interval(float(value), low, high)
 
 
 def verdict(found: Sequence[Beside]) -> str:
-    """`KEEP` where a network is better than every other planner, `OPEN` where more queries might
-    show that, else `LEAVE`.
+    """`KEEP` where a network is better than every other planner, `LEAVE` where it is worse than
+    one, else `OPEN`.
     """
     judgements = {each.judgement for each in found}
-    if judgements == {BETTER}:
-        return KEEP
-    return OPEN if judgements <= {BETTER, ALIKE} else LEAVE
+    if WORSE in judgements:
+        return LEAVE
+    return OPEN if ALIKE in judgements else KEEP

@@ -58,15 +58,8 @@ class Dem(Place):
 
     def random_square(self, rng: np.random.Generator, side: int) -> Float2D:
         """The heights of a square of so many cells to a side, at a random place: a view."""
-        return self.random_part(rng, (side, side))
-
-    def random_part(self, rng: np.random.Generator, shape: Shape) -> Float2D:
-        """The heights of a rectangle of this shape, at a random place: a view."""
-        down, across = (
-            slice(first := int(rng.integers(0, cells - side + 1)), first + side)
-            for cells, side in zip(self.shape, shape, strict=True)
-        )
-        return self.elevation[down, across]
+        row, col = (int(rng.integers(0, cells - side + 1)) for cells in self.shape)
+        return self.elevation[row : row + side, col : col + side]
 
     def read(self, part: Rectangle) -> Float2D:
         """(rows, cols) heights of a rectangle."""
