@@ -305,7 +305,9 @@ def test_values_that_make_no_sense_are_refused_in_a_line_and_change_no_map(call,
 
 
 def test_an_option_that_does_not_exist_is_answered_with_those_that_do():
-    with pytest.raises(TypeError, match="no option is named methods: wanted one of method, epsilon"):
+    with pytest.raises(
+        TypeError, match="no option is named methods: wanted one of method, epsilon"
+    ):
         POINT.plan(*PAIR, methods="astar")
 
 
