@@ -21,9 +21,6 @@ def command(arguments: Annotated[tuple[str, ...], _ARGUMENTS] = (), /) -> None:
     nnpp-edge ros
     nnpp-edge ros --ros-args -p vehicle:=rover.toml -p map_size_m:=60.0 -p global_frame:=odom
     """
-    from nnpp_edge.runtime.errors import optional_module
-
-    optional_module("rclpy", "a ROS 2 node", "ros")
     from nnpp_edge.robot.ros2.node import run
 
     sys.exit(run(arguments))

@@ -13,16 +13,19 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from nnpp_edge.ros import maps
 from nnpp_edge.ros.maps import (
     GridMap,
     MapFrame,
     OccupancyGrid,
+    arc_poses,
     as_occupancy,
     grid_map_patch,
     occupancy_patch,
     path_poses,
 )
 from nnpp_edge.ros.messages import definition, grid_message, heights_message
+from nnpp_edge.runtime import Planner, Vehicle
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 from nnpp_edge.terrain.dem import read_dem
 from tests.tables import cases
@@ -356,3 +359,58 @@ def test_a_message_with_a_field_of_another_type_is_refused_in_a_line(kind, made)
 def test_points_must_be_finite(points):
     with pytest.raises((InvalidQueryError, InvalidMapError)):
         MapFrame(1.0).places(points)
+
+
+@pytest.mark.parametrize("rows_along_x", [False, True])
+def test_a_yaw_and_its_heading_point_to_the_same_place_and_lead_back(rows_along_x):
+    frame = MapFrame(0.5, 3.0, -4.0, rows_along_x=rows_along_x)
+    for yaw_deg in range(-179, 181, 7):
+        yaw = math.radians(yaw_deg)
+        heading = frame.heading_deg(yaw)
+        assert 0.0 <= heading < 360.0
+        assert frame.yaw_rad(heading) == pytest.approx(yaw)
+        up = math.radians(heading)
+        step = frame.metres([[0.0, 0.0], [-math.cos(up), math.sin(up)]])
+        x, y = step[1] - step[0]
+        assert math.atan2(y, x) == pytest.approx(yaw)
+
+
+@pytest.mark.parametrize("rows_along_x", [False, True])
+def test_arcs_become_poses_that_lead_on_from_one_another_in_the_frame(rows_along_x):
+    car = Vehicle(1.2, 0.8, 0.3, turning_radius_m=1.5, reverse_cost=2.0)
+    planner = Planner.of_elevation(np.zeros((80, 90), np.float32), 0.25, vehicle=car)
+    plan = planner.plan((40, 20), (30, 24), start_heading_deg=90.0, goal_heading_deg=180.0)
+    frame = MapFrame(0.25, 30.0, 40.0, rows_along_x=rows_along_x)
+    poses = arc_poses(plan, frame)
+    np.testing.assert_allclose(poses[[0, -1], :2], frame.metres([(40, 20), (30, 24)]))
+    yaws = [frame.yaw_rad(90.0), frame.yaw_rad(180.0)]
+    np.testing.assert_allclose(np.exp(1j * poses[[0, -1], 2]), np.exp(1j * np.array(yaws)))
+    assert set(poses[:, 3]) == {1.0, -1.0}
+    steps = np.diff(poses[:, :2], axis=0)
+    lengths = np.hypot(*steps.T)
+    assert lengths.max() <= 0.25
+    # a step leads where the body heads on its way, or backwards
+    turned = np.angle(np.exp(1j * np.diff(poses[:, 2])))
+    middle = poses[:-1, 2] + 0.5 * turned
+    ahead = np.cos(middle) * steps[:, 0] + np.sin(middle) * steps[:, 1]
+    np.testing.assert_allclose(ahead, poses[1:, 3] * lengths, atol=1e-6)
+
+
+def test_a_path_without_arcs_has_the_poses_of_its_cells_or_way_points():
+    planner = Planner(np.full((30, 40), 0.2, np.float32))
+    plan = planner.plan((5, 5), (20, 35), refine="any-angle")
+    frame = MapFrame(0.5, 1.0, 2.0)
+    poses = arc_poses(plan, frame)
+    assert poses.shape == (len(plan.waypoints), 4)
+    np.testing.assert_allclose(poses[[0, -1], :2], frame.metres([(5, 5), (20, 35)]))
+    cells = arc_poses(planner.plan((5, 5), (20, 35)), frame)
+    np.testing.assert_array_equal(
+        cells[:, :3], path_poses(planner.plan((5, 5), (20, 35)).path, frame)
+    )
+    planner.update(0, 20, np.ones((30, 1)))
+    assert arc_poses(planner.plan((5, 5), (20, 35)), frame).shape == (0, 4)
+
+
+def test_all_that_is_named_is_there():
+    assert len(set(maps.__all__)) == len(maps.__all__)
+    assert all(hasattr(maps, name) for name in maps.__all__)

@@ -53,7 +53,7 @@ def same(a, b):
     assert (a.row, a.col, a.keep_known, a.stamp) == (b.row, b.col, b.keep_known, b.stamp)
 
 
-@pytest.mark.parametrize("message", [Pose(3.25, -7.5, 12.5), Goal(3, 400), Goal(-1, 0, 1e9)])
+@pytest.mark.parametrize("message", [Pose(3.25, -7.5, 12.5), Goal(3, 400), Goal(-1, 0, 1e9, 45.0)])
 def test_poses_and_goals_come_back_as_they_were(message):
     assert decode(encode(message)) == message
 

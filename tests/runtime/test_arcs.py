@@ -13,7 +13,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime import DynamicPlanner, Planner, Source, Vehicle
+from nnpp_edge.runtime import (
+    DynamicPlanner,
+    Goal,
+    Ground,
+    Navigator,
+    Planner,
+    Pose,
+    Source,
+    Vehicle,
+)
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, Status
 from nnpp_edge.runtime.kernels.poses import AXIS_COUNT, FAILS, MOST_CODE
 from nnpp_edge.runtime.planners import arc_corridor
@@ -463,6 +472,30 @@ def test_a_moving_planner_begins_as_the_robot_stands_and_is_as_good_as_a_new_one
             dem[row : row + 2, col : col + 2] += 0.4
         moving.update_elevation(row, col, dem[row : row + 2, col : col + 2])
     assert sources.count(Source.STANDING) >= 5
+
+
+def test_the_loop_goes_to_a_goal_with_a_heading_and_to_another_when_that_changes():
+    dem = np.zeros((60, 60), np.float32)
+    navigator = Navigator(Ground.of_elevation(dem, CELL_M, vehicle=CAR))
+    navigator.offer(Pose(30.5, 15.5, heading_deg=90.0))
+    for heading in (0.0, 180.0, 90.0, None):
+        navigator.offer(Goal(30, 45, heading_deg=heading))
+        answer = navigator.tick()
+        fresh = planner(dem).plan(
+            (30, 15), (30, 45), method="astar", start_heading_deg=90.0, goal_heading_deg=heading
+        )
+        assert answer.ok and answer.cost <= 1.1 * fresh.cost
+        if heading is not None:
+            assert answer.headings[-1] == heading
+    point = Navigator(Ground(np.full((60, 60), 0.1, np.float32)))  # a point has no heading
+    point.offer(Pose(30, 15))
+    point.offer(Goal(30, 45, heading_deg=10.0))
+    assert point.tick().ok
+    point.forget(goal=False)
+    assert point.tick().outcome is Status.NO_POSE
+    point.offer(Pose(30, 15))
+    point.forget(pose=False)
+    assert point.tick().outcome is Status.NO_GOAL
 
 
 def test_a_plan_at_the_goal_leaves_no_costs_that_mislead_the_next():

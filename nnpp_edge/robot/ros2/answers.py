@@ -28,7 +28,7 @@ TOPICS = {
     "/diagnostics": "diagnostic_msgs.msg:DiagnosticArray",
 }
 _IDLE = (Status.OK, Status.NO_GOAL)
-_NOT_WELL = ("overruns", "skipped", "degraded", "errors", "drops", "lost")
+_ODD = ("overruns", "degraded", "errors")
 """Counters that are told as a warning where they have grown."""
 _LINE_M = 0.05
 """Width of a footprint's outline."""
@@ -75,7 +75,7 @@ class RosSink:
         self._walked: Cells | None = None
         self._due = False
         self._shown_version = -1
-        self._counted: dict[str, Any] = {}
+        self._odd: list[Any] = []
         self.newest = None
 
     def publish(self, message: Output) -> None:
@@ -146,11 +146,10 @@ class RosSink:
         from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
         counts = asdict(message.counters)
-        before = self._counted or counts
-        self._counted = counts
-        worse = [name for name in _NOT_WELL if counts[name] != before[name]]
-        level = DiagnosticStatus.WARN if worse else DiagnosticStatus.OK
-        text = "; more ".join([message.text, *worse])
+        odd = [counts[name] for name in _ODD]
+        level = DiagnosticStatus.OK if odd == self._odd else DiagnosticStatus.WARN
+        self._odd = odd
+        text = message.text
         if message.outcome not in _IDLE and self.newest is not None:
             level = DiagnosticStatus.ERROR
             text = f"{message.outcome}: {self._source.trouble or self.newest.reason}"

@@ -64,10 +64,9 @@ def _laid_out(dem: Dem, frame_id: str) -> tuple[Float2D, MapFrame]:
         heights = heights.T
         a = b
         e = d
-    elif b or d:
-        raise ParameterError("map_file: wanted a map along the axes, got one that is turned")
-    if abs(a) != abs(e):
-        raise ParameterError(f"map_file: wanted square cells, got sides of {abs(a)} and {abs(e)} m")
+        b = d = 0.0
+    if b or d or abs(a) != abs(e):
+        raise ParameterError("map_file: wanted square cells along the axes, got others")
     rows, cols = heights.shape
     if a < 0.0:
         heights = heights[:, ::-1]

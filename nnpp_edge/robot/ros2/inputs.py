@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from nnpp_edge.robot.ros2.frames import Frames, Place
+from nnpp_edge.robot.ros2.frames import Place
 from nnpp_edge.ros.maps import GridMap, MapFrame, OccupancyGrid, grid_map_patch, occupancy_patch
-from nnpp_edge.runtime.errors import InvalidMapError, NnppEdgeError
+from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.loop.connections import Mailbox
 from nnpp_edge.runtime.loop.messages import Goal, Input, InvalidMessageError, MapPatch, Pose
 from nnpp_edge.runtime.loop.navigator import Navigator
@@ -52,7 +52,6 @@ class RosSource:
         self._on_grid = on_grid
         self.refused: dict[str, str] = {}
         """Why the newest message was refused, by topic; of those whose newest one was."""
-        self.frames = Frames(node, node.own.global_frame)
         self._mailbox = Mailbox()
         self._navigator: Navigator | None = None
         self.frame: MapFrame | None = None
@@ -112,7 +111,6 @@ class RosSource:
         """Listen no more."""
         for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
-        self.frames.close()
 
     def _subscribe(self) -> list[Any]:
         from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -135,7 +133,7 @@ class RosSource:
         """Convert a message, or refuse it."""
         try:
             getattr(self, f"_on_{topic}")(message)
-        except NnppEdgeError as error:
+        except Exception as error:  # whatever comes from outside, the node goes on
             self.refused[topic] = str(error)
             self._count("input")
             line = f"{topic} was refused: {error}"
@@ -154,7 +152,7 @@ class RosSource:
         self._on_place(message.pose, message.header.frame_id)
 
     def _on_place(self, pose: Any, frame_id: str) -> None:
-        self.robot = self.frames.place(pose, frame_id, "a pose")
+        self.robot = self._node.frames.place(pose, frame_id, "a pose")
         self._came["pose"] = time.monotonic()
         self._put_pose()
 
@@ -166,26 +164,22 @@ class RosSource:
         self._mailbox.put(Pose(row, col, heading_deg=heading), when_full="drop oldest")
 
     def _on_goal_pose(self, message: Any) -> None:
-        self.set_goal(self.frames.place(message.pose, message.header.frame_id, "a goal"))
+        self.set_goal(self._node.frames.place(message.pose, message.header.frame_id, "a goal"))
 
     def _on_map(self, message: Any) -> None:
         grid = OccupancyGrid.of_message(message)
-        wanted = self.frames.global_frame
+        wanted = self._node.own.global_frame
         if grid.frame.frame_id != wanted:
             got = grid.frame.frame_id
             raise InvalidMapError(f"wanted a map in the frame {wanted!r}, got one in {got!r}")
         self._grid = grid
-        if self.frame is None or self._navigator is None or self._is_another(grid):
+        shape = None if self._navigator is None else self._navigator.map.shape
+        same = grid.frame == self.frame and grid.data.shape == shape
+        if same or (self._navigator is not None and not self._by_topic):
+            self._put_grid(grid)
+        else:
             self._came["map"] = time.monotonic()
             self._on_grid(grid)
-        else:
-            self._put_grid(grid)
-
-    def _is_another(self, grid: OccupancyGrid) -> bool:
-        """Whether a whole grid is all of the map, and has other cells than the loop's."""
-        assert self._navigator is not None
-        same = grid.frame == self.frame and grid.data.shape == self._navigator.map.shape
-        return self._by_topic and not same
 
     def _on_map_updates(self, message: Any) -> None:
         if self._grid is None:

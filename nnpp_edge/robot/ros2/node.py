@@ -9,15 +9,17 @@ from typing import Any
 
 import numpy as np
 import rclpy
+from msgspec.structs import replace
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.signals import SignalHandlerOptions
 
 from nnpp_edge.profiling.profile_file import OnboardLoop
 from nnpp_edge.robot.ros2.answers import RosSink
+from nnpp_edge.robot.ros2.frames import Frames
 from nnpp_edge.robot.ros2.grounds import Located, first_ground, ground_of
 from nnpp_edge.robot.ros2.inputs import RosSource
-from nnpp_edge.robot.ros2.parameters import Own, checked, declare, followed, values_of
+from nnpp_edge.robot.ros2.parameters import LIVE, Own, checked, declare, values_of
 from nnpp_edge.robot.ros2.questions import Questions
 from nnpp_edge.ros.maps import OccupancyGrid
 from nnpp_edge.runtime.errors import NnppEdgeError
@@ -48,6 +50,7 @@ class PlannerNode(LifecycleNode):
         self.own = Own()
         """What it was configured with."""
         self._pace = OnboardLoop()
+        self.frames = Frames(self)
         self.add_post_set_parameters_callback(self._follow)
         self._by_topic = False
         self._located: Located | None = None
@@ -99,10 +102,6 @@ class PlannerNode(LifecycleNode):
         self._end()
         self._give_back()
         return super().on_shutdown(state)
-
-    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """As a shutdown; the node may be configured again."""
-        return self.on_shutdown(state)
 
     # --- the loop
 
@@ -166,7 +165,8 @@ class PlannerNode(LifecycleNode):
 
     def _follow(self, changes: list[Any]) -> None:
         """Go by what may be changed while the loop runs."""
-        self.own = followed(self.own, self)
+        live = {each.name: float(each.value) for each in changes if each.name in LIVE}
+        self.own = replace(self.own, **live)
 
 
 def run(arguments: Sequence[str]) -> int:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 _Seconds = Annotated[float, Meta(ge=0.0, le=1e6)]
 _Metres = Annotated[float, Meta(ge=0.0, le=1e5)]
-_LIVE = ("map_timeout_s", "odom_timeout_s", "planner_patience_s")
+LIVE = ("map_timeout_s", "odom_timeout_s")
 """May be changed while the loop runs."""
 
 
@@ -67,9 +67,6 @@ class Own(Table, frozen=True, kw_only=True):
     map_timeout_s: Annotated[
         _Seconds, Meta(description="Likewise of the newest map or part of one; 0: any.")
     ] = 0.0
-    planner_patience_s: Annotated[
-        _Seconds, Meta(description="Longest work on a service's or an action's plan.")
-    ] = 5.0
 
 
 _OF_LOOP = {
@@ -112,7 +109,7 @@ def declare(node: "Node") -> None:
     for field in fields(Own):
         descriptions[field.name] = str(field.type.__metadata__[-1].description)
     for name, words in descriptions.items():
-        when = "" if name in _LIVE else " Read when the node is configured."
+        when = "" if name in LIVE else " Read when the node is configured."
         # a whole number is taken for a fraction, which ROS itself refuses
         descriptor = ParameterDescriptor(description=words + when, dynamic_typing=True)
         node.declare_parameter(name, (asdict(Own()) | _OF_LOOP)[name], descriptor)
@@ -130,9 +127,3 @@ def declare(node: "Node") -> None:
 def values_of(node: "Node") -> dict[str, Any]:
     """The node's values now, unchecked."""
     return {name: node.get_parameter(name).value for name in NAMES}
-
-
-def followed(own: Own, node: "Node") -> Own:
-    """What a node was configured with, but what may be changed while it runs as it is now."""
-    values = values_of(node)
-    return checked(asdict(own) | {name: values[name] for name in _LIVE})[0]

@@ -31,6 +31,8 @@ _ERRORS = {
     Status.NO_POSE: "TF_ERROR",
 }
 """Nav2's names of what its results call otherwise than a `Status`."""
+_PATIENCE_S = 5.0
+"""Longest work on a plan that is asked for."""
 _LOOK_EVERY_S = 0.01
 
 
@@ -150,7 +152,7 @@ class Questions:
         from rclpy.serialization import deserialize_message
 
         stamp = int(self._node.get_clock().now().nanoseconds)
-        content = path_message(given.poses[:, :3], stamp, self._source.frames.global_frame)
+        content = path_message(given.poses[:, :3], stamp, self._node.own.global_frame)
         return deserialize_message(content, Path)
 
     # --- the loop's side, in the thread of the questions
@@ -163,7 +165,7 @@ class Questions:
         newest = self._sink.newest
         tick = 1 + (newest.tick if newest else 0)
         self._source.set_goal(goal)
-        until = time.monotonic() + self._node.own.planner_patience_s
+        until = time.monotonic() + _PATIENCE_S
         while time.monotonic() < until:
             answer = self._sink.newest
             if answer and answer.tick > tick and answer.outcome is not Status.TIMEOUT:
@@ -189,16 +191,15 @@ class Questions:
         return self._planned([begin, *(self._place(goal, "a goal") for goal in goals)])
 
     def _place(self, stamped: Any, what: str) -> Place:
-        return self._source.frames.place(stamped.pose, stamped.header.frame_id, what)
+        return self._node.frames.place(stamped.pose, stamped.header.frame_id, what)
 
     def _planned(self, stops: Sequence[Place]) -> _Given:
         """Legs from place to place, on a copy of the loop's planner."""
-        patience_s = self._node.own.planner_patience_s
-        until = time.monotonic() + patience_s
+        until = time.monotonic() + _PATIENCE_S
         wanted: Future[DynamicPlanner] = Future()
         self._copies.append(wanted)
         try:
-            planner = wanted.result(patience_s)
+            planner = wanted.result(_PATIENCE_S)
         except TimeoutError:
             return _failed(Status.TIMEOUT, "the loop does not run, or is busy")
         frame = self._source.frame
