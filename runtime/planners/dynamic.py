@@ -178,11 +178,14 @@ class DynamicPlanner(OnMap):
         """The last plan that had a path."""
         return self._path.plan
 
+    @checked(InvalidQueryError)
     @one_at_a_time
     def set_goal(self, goal: Cell, heading_deg: float | None = None) -> None:
         """Another goal, in which a body arrives as by `goal_heading_deg` of `PlanOptions`; the
-        standing path is forgotten. InvalidQueryError if it is outside the map.
+        standing path is forgotten. InvalidQueryError if it is outside the map, or the heading no
+        number.
         """
+        _check_heading(heading_deg)
         cell = as_cell(goal, "goal")
         if not self._state.grid.holds(cell):
             raise InvalidQueryError(f"goal must lie inside the map of {self.shape}, got {cell}")
@@ -212,8 +215,7 @@ class DynamicPlanner(OnMap):
 
         The heading of a body is in degrees clockwise from grid north; by default it is the plan's.
         """
-        if heading_deg is not None and not math.isfinite(heading_deg):
-            raise InvalidQueryError(f"heading_deg must be a number of degrees, got {heading_deg}")
+        _check_heading(heading_deg)
         self._start = as_cell(start, "start")
         self._heading_deg = heading_deg
 
@@ -322,3 +324,8 @@ class DynamicPlanner(OnMap):
         if self._start is None:
             raise InvalidQueryError("wanted a start (move) before the first plan, got none")
         return self._start
+
+
+def _check_heading(heading_deg: float | None) -> None:
+    if heading_deg is not None and not math.isfinite(heading_deg):
+        raise InvalidQueryError(f"heading_deg must be a number of degrees, got {heading_deg}")

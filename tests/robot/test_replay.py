@@ -256,6 +256,14 @@ def test_on_a_full_disk_nothing_follows_the_line_that_was_cut(tmp_path, monkeypa
 
 def test_a_recording_is_plain_json(tmp_path):
     lines = scene(tmp_path / "scene.jsonl", ticks=1).read_text().splitlines()
-    goal = {"at": 0.0, "v": 1, "type": "goal", "row": 35, "col": 55, "stamp": 0.0}
+    goal = {
+        "at": 0.0,
+        "v": 1,
+        "type": "goal",
+        "row": 35,
+        "col": 55,
+        "stamp": 0.0,
+        "heading_deg": None,
+    }
     assert json.loads(lines[0]) == {"v": 1, "type": "recording", "map": [40, 60]}
     assert json.loads(lines[1]) == goal
