@@ -39,7 +39,8 @@ LOGGING_COMMANDS = (
 _TEMPORARY = re.compile(r"^\..*\.[0-9a-f]{6,}$")
 _PROGRESS = re.compile(
     r"^([\w ]+: \d+ %, [\d.]+ min|(ready|recording|metrics|listening|warning): .*|(others "
-    r"use|peak memory, in) .*)$"
+    r"use|peak memory, in) .*|(loading the package|reading|costs of the map|planning|comparing|"
+    r"measuring|drawing and writing|searching|driving|compiling)\b.*)$"
 )
 _CHATTER = re.compile(
     r"^(libpng|ERROR \d|Warning \d|CPLE_|TIFF|.*\[[WEF]:onnxruntime|\[ "
