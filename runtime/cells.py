@@ -103,8 +103,8 @@ def apart(part: Rectangle, cell: tuple[int, int]) -> int:
 
 def nearest(mask: NDArray[np.bool_], cell: Cell) -> Cell:
     """The cell of a mask (H, W), which holds at least one, that is nearest to another."""
-    rows = np.arange(mask.shape[0], dtype=np.float32)[:, None] - np.float32(cell[0])
-    cols = np.arange(mask.shape[1], dtype=np.float32) - np.float32(cell[1])
-    away = np.where(mask, rows**2 + cols**2, np.float32(np.inf))
+    rows, cols = np.ogrid[: mask.shape[0], : mask.shape[1]]
+    squares = (rows - cell[0]) ** 2 + (cols - cell[1]) ** 2
+    away = np.where(mask, squares, np.inf)
     row, col = divmod(int(away.argmin()), mask.shape[1])
     return row, col

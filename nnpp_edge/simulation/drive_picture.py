@@ -53,13 +53,13 @@ def drive_picture(ground: SurveyedGround, drive: Drive) -> Picture:
         costs += f" (+{100 * drive.excess:.1f} %)"
     facts = [drive.method, f"{drive.counters.ticks} ticks, {drive.counters.planned} plans", costs]
     chart = _chart(ground, ground.costs())
-    places = np.vstack((drive.driven[:, :2], drive.optimal[:, :2], [drive.goal]))
+    ways = [line.places[:, :2].astype(np.float64) for line in lines]
     return chart.picture(
         drive.start,
         drive.goal,
         lines=lines,
         outlines=_bodies(ground.robot, drive.driven),
-        part=chart.around(places),
+        part=chart.around(np.concatenate((*ways, np.array([drive.goal])))),
         facts=facts,
     )
 

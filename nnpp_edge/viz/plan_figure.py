@@ -65,7 +65,8 @@ def plan_figure(
     below.spines[["top", "right"]].set_visible(False)
 
     # the stops
-    marks = [("s", START, 6), *[("o", PAPER, 5)] * (len(stops) - 2), ("*", GOAL, 11)]
+    between = [("o", PAPER, 5)] * (len(stops) - 2)
+    marks = [("s", START, 6), *between, ("*", GOAL, 11)]
     for (name, stop), (mark, colour, size) in zip(stops, marks, strict=True):
         x, y = (float(each[0]) for each in _on(frame, unit, np.array([stop])))
         above.plot(x, y, mark, ms=size, color=hexed(colour), mec=hexed(INK), mew=0.8)

@@ -171,10 +171,10 @@ class MapDrawing:
         if degrees is None:
             return []
         turn = math.radians(degrees)
-        right = np.array((math.cos(turn), math.sin(turn)))
-        down = np.array((-math.sin(turn), math.cos(turn)))
-        arrow = [(0, 9), (0, -9), (-5, -2), (0, -9), (5, -2)]
-        turned = [x * right + y * down + (9, 0) for x, y in arrow]
+        tip = 9.0 * np.array((math.sin(turn), -math.cos(turn)))
+        side = 0.5 * np.array((-tip[1], tip[0]))
+        middle = (9.0, 0.0)
+        turned = np.array([-tip, tip, 0.2 * tip - side, tip, 0.2 * tip + side]) + middle
         return [self.drawn(18.0, [(turned, INK, 1.5)], "grid north")]
 
     def scale(self, cell_size_m: float | None) -> list[Item]:
@@ -185,7 +185,8 @@ class MapDrawing:
         decade = 10.0 ** math.floor(math.log10(most))
         length_m = max(n * decade for n in (1, 2, 5) if n * decade <= most)
         right = length_m / cell_size_m * self.sides[1] / self.unit
-        bar = [(0, -5), (0, 5), (0, 0), (right, 0), (right, -5), (right, 5)]
+        bar = [(0.0, -5.0), (0.0, 5.0), (0.0, 0.0)]
+        bar += [(right, 0.0), (right, -5.0), (right, 5.0)]
         return [self.drawn(right, [(bar, INK, 1.5)], metres(length_m))]
 
     def text_item(self, words: str) -> Item:

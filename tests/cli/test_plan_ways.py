@@ -16,10 +16,14 @@ import pyogrio
 import pytest
 from pyproj import Transformer
 
+from nnpp_edge.cli.text import duration, work
 from nnpp_edge.runtime import Planner, Vehicle, pose_costs
 from nnpp_edge.runtime.kernels.poses import REFUSALS
 from nnpp_edge.runtime.map.along import Numbers
 from nnpp_edge.runtime.planners.turns import curvatures
+from nnpp_edge.terrain.dem import Dem
+from nnpp_edge.terrain.georeference import Georeference
+from nnpp_edge.terrain.rasters import raster_bytes
 from nnpp_edge.terrain.vehicle_files import load_mobility, load_vehicle
 from nnpp_edge.viz.palette import BODY as OUTLINE
 from nnpp_edge.viz.palette import POINT, REFUSED
@@ -228,6 +232,26 @@ def test_a_part_around_the_ends_has_the_same_path_in_the_same_place(run, told, h
     assert (finer["cell_size_m"], finer["start"]) == (1.0, [10, 10])
     everything = told(words.format("hills.tif"), "--crop", "1e6")
     assert (everything["rows"], everything["start"]) == (80, [20, 20])
+
+
+def test_nobody_walks_on_another_body_unless_that_is_asked_for(run, told, tmp_path):
+    moon = Georeference("ESRI:103878", (2.0, 0.0, 0.0, 0.0, -2.0, 0.0))
+    heights = rolling()
+    Path("moon.tif").write_bytes(
+        raster_bytes(tmp_path, heights, Dem(heights, 2.0, 2.0, moon, tmp_path))
+    )
+    words = f"plan moon.tif {ENDS}"
+    assert told(words)["time_s"] is None and "on foot" not in run(words).out
+    assert told(f"{words} --step-cost tobler")["time_s"] > 0.0
+    assert "at the vehicle's speeds" in run(f"{words} {BODY}").out
+    run("reach moon.tif --start 5,5 --within-time 5min").refused("--step-cost tobler")
+    asked = run("reach moon.tif --start 5,5 --within-time 5min --step-cost tobler")
+    assert "speeds" in asked.out and "of a walker, by Tobler's function" in asked.out
+
+
+def test_long_times_are_told_in_days_and_energies_in_kilowatt_hours():
+    assert (duration(47.9 * 3600), duration(76 * 3600.0)) == ("47 h 54 min", "3 days 4 h")
+    assert (work(5e5), work(7.2e6)) == ("500 kJ", "7.2 MJ (2 kWh)")
 
 
 def test_without_a_path_it_is_said_how_far_the_search_came(run, told, hills):

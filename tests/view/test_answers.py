@@ -471,4 +471,8 @@ def test_a_plan_shows_itself_and_escapes_what_it_was_told():
     drawn = [line.get_xydata()[:, ::-1] for line in axes.lines]
     assert any(np.array_equal(line, plan.path) for line in drawn)
     assert plan.plot(axes) is axes and planner.plan((3, 4), (90, 90)).plot().yaxis_inverted()
+    assert axes.get_xlabel() == "column", "where no metres are known"
+    level = Planner.of_elevation(flat(40, 60, 0.2), 2.0).plan((3, 4), (30, 50)).plot()
+    assert level.get_xlabel() == "along a row, m"
+    assert level.xaxis.get_major_formatter()(10.0, 0) == "20"
     pyplot.close("all")

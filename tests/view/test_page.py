@@ -343,6 +343,10 @@ def test_arrows_set_headings_and_a_dashed_line_is_driven_backwards(browser, tmp_
         assert tab.page.inner_text("#scale").endswith(" m")
         assert tab.page.locator("#axis-distance span").count() == 5
         tab.page.set_viewport_size({"width": 390, "height": 844})
+        tab.page.focus("#start")
+        for _ in range(8):
+            tab.page.keyboard.press("Shift+ArrowUp")
+        tab.until("document.querySelector('#start').ariaLabel.startsWith('Start, row 0')")
         frame = tab.page.locator("#map").bounding_box()
         for arrow in ("#start-heading", "#goal-heading"):
             place = tab.page.locator(arrow).bounding_box()
