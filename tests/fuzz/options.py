@@ -32,11 +32,11 @@ BASES = {
     ),
     "train": (
         "in/set --validation in/set -o out/run --steps 1 --batch 2 --input-size 64 "
-        "--validate-every 0",
+        "--validations 3",
         "in/set --validation in/set -o in/trained --steps 1 --batch 2 --input-size 64 "
-        "--validate-every 0",
+        "--validations 3",
     ),
-    "export": ("in/trained/checkpoint.pt -o out/net.onnx",),
+    "export": ("in/trained/best.pt -o out/net.onnx",),
     "quantize": ("in/edge64.onnx --dataset in/set -o out/int8.onnx --samples 2",),
     "evaluate": (
         "--synthetic --sizes 16 --queries 1 --repeats 1 --methods astar",
