@@ -117,7 +117,7 @@ def train(
         return run.done or bool(processes.of_the_first(float(waited or over)))
 
     data.grow()
-    if not progress.step:
+    if not progress.history:
         validate()
         save()
     while not stops():
@@ -334,6 +334,8 @@ class _Run:
             raise ModelError(f"{path}: wanted a checkpoint of {self.spec}, got one of {saved.spec}")
         self.network.load_state_dict(saved.network)
         self.progress = saved.progress
+        # older versions knew no score
+        self.progress.history = [row for row in saved.progress.history if "score" in row]
         self.origin = saved.origin | self.origin
         if saved.optimiser:
             self.optimiser.load_state_dict(saved.optimiser)

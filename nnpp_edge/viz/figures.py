@@ -49,16 +49,18 @@ def training_curves(history: Sequence[dict[str, float]], path: Path) -> None:
     figure = new_figure(11.0, 6.5)
     for axes, (name, title, scale) in zip(figure.subplots(2, 2).flat, panels, strict=True):
         curves: dict[str, str | None] = {name: None}
-        if f"{name}@1" in history[0]:  # one for each factor
+        if name not in history[-1]:  # one for each factor
             largest_first = sorted(factors, key=float, reverse=True)
             curves = {f"{name}@{factor}": f"td × {factor}" for factor in largest_first}
         for key, label in curves.items():
             values = [scale * row.get(key, math.nan) for row in history]
             axes.plot(steps, values, marker="o", markersize=3, label=label)
-        axes.axvline(best["step"], color="0.6", linestyle=":")
         if axes.get_legend_handles_labels()[1]:
             axes.legend(fontsize="small")
-        axes.set(title=title, xlabel="step", yscale="log" if name in ("loss", "gap") else "linear")
+        drawn = np.array([line.get_ydata() for line in axes.lines])
+        logarithmic = name in ("loss", "gap") and (np.nan_to_num(drawn) > 0.0).any()
+        axes.axvline(best["step"], color="0.6", linestyle=":")
+        axes.set(title=title, xlabel="step", yscale="log" if logarithmic else "linear")
         axes.grid(alpha=0.3)
     write_whole(path, encoded(figure))
 

@@ -31,8 +31,7 @@ BASES = {
         "-o in/set --maps 2 --size 64 --points 2 --workers 1",
     ),
     "train": (
-        "in/set --validation in/set -o out/run --steps 1 --batch 2 --input-size 64 "
-        "--validations 3",
+        "in/set --validation in/set -o out/run --steps 1 --batch 2 --input-size 64 --validations 3",
         "in/set --validation in/set -o in/trained --steps 1 --batch 2 --input-size 64 "
         "--validations 3",
     ),

@@ -24,7 +24,7 @@ from nnpp_edge.terrain.dataset import read_samples
 from nnpp_edge.training.batches import Batches
 from nnpp_edge.training.checkpoint import Checkpoint, Progress, load_checkpoint
 from nnpp_edge.training.train import Processes, TrainSettings, train
-from nnpp_edge.training.validation import Validator
+from nnpp_edge.training.validation import Judgement, Validator
 from tests.training.conftest import RECIPE, SMALL, VALIDATED_AFTER, enlarged
 
 ROOT = Path(__file__).parent.parent.parent
@@ -134,6 +134,35 @@ def test_a_run_may_begin_with_anothers_weights_and_keeps_what_it_began_with(
     facts = run(samples, tmp_path, steps=2, **unmoved).facts()
     assert facts["resumed_with_other_settings"] is True
     assert facts["begun_with"] == theirs.facts()
+
+
+@pytest.fixture
+def worsening(monkeypatch):
+    """Validations find the second weights best, and ever worse ones after them."""
+    scores = itertools.chain([0.5, 0.1], itertools.count(0.2, 0.1))
+
+    def judge(*_):
+        return [Judgement(0.5, 1.0, 0.0, 0.1, 0.1, next(scores))]
+
+    monkeypatch.setattr(Validator, "judge", judge)
+
+
+def test_the_best_weights_are_kept_and_a_training_that_gets_worse_says_so(
+    samples, tmp_path, worsening
+):
+    last = run(samples, tmp_path, steps=8, validations=8, learning_rate=1e-2)
+    best = load_checkpoint(tmp_path / "best.pt")
+    assert (best.progress.step, last.progress.step) == (1, 8)
+    assert best.facts()["of_steps"] == 8
+    assert any(not torch.equal(best.average[name], last.average[name]) for name in last.average)
+    assert "got worse since step 1 of 8" in last.progress.warning()
+    assert last.progress.history[-1]["loss"] < last.progress.history[1]["loss"]
+
+
+def test_a_training_ends_early_where_that_is_asked_for(samples, tmp_path, worsening):
+    ended = run(samples, tmp_path, steps=8, validations=8, patience=2).progress
+    assert (ended.step, ended.steps) == (3, 8)
+    assert run(samples, tmp_path, steps=8, validations=8, patience=2).progress.step == 3
 
 
 def test_weights_of_another_network_are_refused(samples, trained, tmp_path):
