@@ -242,17 +242,17 @@ def _data(
         known = KnownValidator(judged_on, HELD_OUT)
         return calibration.planes, known.planes, known.judge_answers
     pool = read_samples(dataset, most_maps=2 * samples, size=m.input_size)
-    if validation:
-        others = read_samples(validation, size=m.input_size)
+    if validation:  # searched on the maps as they are held, as in training
+        others = read_samples(validation)
     else:
         pool, others = split(pool, seed)
     order = np.random.default_rng([seed, 1]).permutation(len(pool))
     validator = Validator(others, Spec(m.architecture, m.input_size, m.sigma), m.omega, HELD_OUT)
-    return (
-        pool.pick(order[:samples]),
-        others.pick(validator.index),
-        partial(validator.judge_answers, factor=m.region_factor),
-    )
+
+    def judge(answers: Floats) -> Judgement:
+        return validator.judge_answers(answers, (m.region_factor,))[0]
+
+    return pool.pick(order[:samples]), validator.shown, judge
 
 
 def split(samples: Samples, seed: int) -> tuple[Samples, Samples]:

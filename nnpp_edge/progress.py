@@ -5,12 +5,21 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from typing import Protocol
 
 import click
 
 MISSING = "–"
 Progress = Callable[[int], None]
 """Called with how much is done."""
+
+
+class Advance(Protocol):
+    """Called with how much is done, and a few words on it."""
+
+    def __call__(self, done: int, words: str = "", /) -> None: ...
+
+
 _LINES = 20
 """Where stderr is no terminal, a line is written for each of so many parts of the work."""
 
@@ -20,7 +29,7 @@ def ignore(*_: object) -> None:
 
 
 @contextmanager
-def bar(what: str, total: int, *, quiet: bool = False) -> Iterator[Progress]:
+def bar(what: str, total: int, *, quiet: bool = False) -> Iterator[Advance]:
     """Show a progress bar on stderr; the value is a function to call with how much is done.
 
     A quiet one is drawn only then: no thread of its own takes time from what is measured.
@@ -42,23 +51,34 @@ def bar(what: str, total: int, *, quiet: bool = False) -> Iterator[Progress]:
         BarColumn(),
         MofNCompleteColumn(),
         TimeRemainingColumn(),
+        TextColumn("{task.fields[words]}"),
     )
     with Progress(*columns, console=Console(stderr=True), auto_refresh=not quiet) as progress:
-        task = progress.add_task(what, total=total)
-        yield lambda done: progress.update(task, completed=done, refresh=quiet)
+        task = progress.add_task(what, total=total, words="")
+
+        def advance(done: int, words: str = "", /) -> None:
+            progress.update(task, completed=done, words=words, refresh=quiet)
+
+        yield advance
 
 
-def _lines(what: str, total: int) -> Progress:
-    """Write progress to a log: `train: 35 %, 12 min`."""
+def _lines(what: str, total: int) -> Advance:
+    """Write progress to a log: `train: 35 %, 12.0 min, 22.3 min left`, and the words."""
     parts = 0
+    first: int | None = None
     started = time.monotonic()
 
-    def advance(done: int) -> None:
-        nonlocal parts
+    def advance(done: int, words: str = "", /) -> None:
+        nonlocal parts, first
+        if first is None:
+            first = done
         if done * _LINES // total > parts:
             parts = done * _LINES // total
             minutes = (time.monotonic() - started) / 60.0
-            click.echo(f"{what}: {100 * done // total} %, {minutes:.1f} min", err=True)
+            told = [f"{what}: {100 * done // total} %", f"{minutes:.1f} min"]
+            if first < done < total:
+                told.append(f"{minutes * (total - done) / (done - first):.1f} min left")
+            click.echo(", ".join([*told, words] if words else told), err=True)
 
     return advance
 

@@ -24,11 +24,11 @@ from nnpp_edge.profiling.contest import (
     Record,
     Row,
     Summary,
-    gap,
     mean,
     quantile,
     summarised,
 )
+from nnpp_edge.profiling.outcome import gap
 from nnpp_edge.profiling.suites import QUERIES_PER_MAP, Case, TerrainFiles, source_of, terrain_cases
 from nnpp_edge.runtime import Planner
 from nnpp_edge.runtime.cells import Endpoints

@@ -21,6 +21,7 @@ _WORKLOADS = (
 )
 _MODEL = "Shipped model or file for nnpp of a point; several are compared."
 _FRESH_MAP = "Also from elevations to the path on a map that has just arrived, lazily and eagerly."
+_STRIPE = "The share of each file that `nnpp-edge dataset` left out, for --held-out."
 _MIN_DISTANCE = "Between start and goal, as a share of the map's side."
 _MODELS = Annotated[tuple[str, ...], "--model", options.MODEL, options.MANY, _MODEL]
 
@@ -65,6 +66,8 @@ def command(
     synthetic: Annotated[bool, "Use synthetic terrain instead."] = False,
     sizes: Annotated[tuple[int, ...], options.SIZES, "Sides of the maps."] = (256,),
     queries: Annotated[int, "For each row."] = 300,
+    validation_share: Annotated[float, options.Real(0.0, 1.0, max_open=True), _STRIPE] = 0.0,
+    held_out: Annotated[bool, "Evaluate on that stripe alone."] = False,
     min_distance: Annotated[float, options.SHARE, _MIN_DISTANCE] = 0.35,
     methods: Annotated[tuple[str, ...], options.NAMES] = ("astar", "corridor", "nnpp"),
     models: _MODELS = ("edge",),
@@ -93,6 +96,7 @@ def command(
     \b
     nnpp-edge evaluate --terrain dem.tif --rescale 20 --workload soft,limit15 --sizes 256,512
     nnpp-edge evaluate --terrain dem.tif --rescale 20 --sizes 256,1024 --fresh-map --markdown
+    nnpp-edge evaluate dem.tif --held-out --validation-share 0.2 --model own.onnx
     nnpp-edge evaluate --terrain dem.tif --vehicle small-rover --workload body,body-rocks10
     """
     from nnpp_edge.profiling import suites
@@ -102,11 +106,14 @@ def command(
     from nnpp_edge.runtime.network.inference import NetworkModel
     from nnpp_edge.runtime.planners.plan import Method
     from nnpp_edge.runtime.robots.slope.cost import slope_cost_of
+    from nnpp_edge.terrain.shards import stripe_of
     from nnpp_edge.terrain.workloads import of_bodies
 
     files = (*terrain, *more_terrain)
     if bool(files) == synthetic:
         raise click.UsageError("give either --terrain FILE or --synthetic")
+    if held_out != bool(validation_share) or (held_out and synthetic):
+        raise click.UsageError("--held-out and --validation-share go together, with --terrain")
     if as_json and markdown:
         raise click.UsageError("give one of --json and --markdown")
     if unknown := set(methods) - set(Method):
@@ -136,6 +143,8 @@ def command(
         for names, loaded in ((methods, networks), (without_network, {}))
     )
     dems = suites.TerrainFiles(files, rescale, cell_size).read()
+    if held_out:
+        dems = [stripe_of(dem, (1.0 - validation_share, 1.0)) for dem in dems]
     suites.check_sizes(dems, sizes)
     mobility = robot.mobility(*dems[:1]) if directed else None
 

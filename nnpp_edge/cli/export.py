@@ -32,7 +32,7 @@ def command(
     The exit code is 1 if they differ by more than 0.0001.
 
     \b
-    nnpp-edge export runs/edge/checkpoint.pt -o edge.onnx --dataset data/train
+    nnpp-edge export runs/edge/best.pt -o edge.onnx --dataset data/train
     """
     options.check_outputs(("--output", output))
 

@@ -1,6 +1,5 @@
 """`nnpp-edge train`: a network from a data set."""
 
-import json
 import math
 import os
 from contextlib import nullcontext
@@ -13,7 +12,7 @@ import click
 from nnpp_edge.cli import options
 from nnpp_edge.cli.text import tell
 from nnpp_edge.model.registry import PRESETS
-from nnpp_edge.progress import bar
+from nnpp_edge.progress import bar, ignore, shown
 
 _PARTS = 1000
 """Of the training, for the progress bar."""
@@ -31,6 +30,11 @@ _PRECISION = (
 )
 
 
+_MAKE = (
+    "Make the shards that DATASET lacks meanwhile, by its recipe: a `nnpp-edge dataset` that was "
+    "stopped goes on here."
+)
+_PATIENCE = "End after so many validations in a row that are no better than the best."
 _REGION = "gap {:.2%}, found {:.1%}, {:.1%} of the map, MM {:.3f}"
 
 
@@ -45,6 +49,8 @@ class Settings:
     weight_decay: Annotated[float, options.NOT_NEGATIVE] = 1e-4
     target: Annotated[str, click.Choice(["near", "path"]), _TARGET] = "near"
     softness: Annotated[float, options.POSITIVE, "Excess at which nearness is 1/e."] = 0.02
+    validations: Annotated[int, "Over the training, for curves and best.pt."] = 20
+    patience: Annotated[int | None, _PATIENCE] = None
     precision: Annotated[str, click.Choice(["auto", "float32", "bfloat16"]), _PRECISION] = "auto"
     seed: options.Seed = 1
 
@@ -65,7 +71,7 @@ def command(
         Path | None, options.PATH, "Checkpoint of another run whose weights to begin with."
     ] = None,
     time_limit: Annotated[float | None, _TIME_LIMIT] = None,
-    validate_every: Annotated[float, options.NOT_NEGATIVE, "Minutes."] = 5.0,
+    make: Annotated[bool, _MAKE] = False,
     small_checkpoints: Annotated[bool, _SMALL] = False,
     pause_after: Annotated[float | None, "Minutes; the same command continues."] = None,
     threads: Annotated[int | None, "Of torch on the CPU; by default one a core."] = None,
@@ -74,8 +80,9 @@ def command(
     """Train a network on DATASET, with AdamW as in the paper.
 
     Each validation searches real queries inside the predicted region. The run's folder gets
-    checkpoint.pt, history.json and curves.png; the same command continues where it stopped. Under
-    torchrun the batch is divided evenly over the processes, and the first one writes and prints.
+    best.pt, last.pt, history.json and curves.png; the same command continues where it stopped.
+    Shards that appear in DATASET meanwhile are taken at the next epoch. Under torchrun the batch is
+    divided evenly over the processes, and the first one writes and prints.
 
     \b
     nnpp-edge train data/train --validation data/val -o runs/edge --time-limit 60
@@ -84,7 +91,8 @@ def command(
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     import torch
 
-    from nnpp_edge.terrain.dataset import read_known, read_recipe, read_samples
+    from nnpp_edge.terrain.dataset import GrowingSet, read_known, read_samples
+    from nnpp_edge.training.checkpoint import LAST, load_checkpoint
     from nnpp_edge.training.train import TrainSettings, train
     from nnpp_edge.viz.figures import training_curves
 
@@ -94,35 +102,37 @@ def command(
     size = input_size or preset.input_size
     unseen = preset.encoding == "unseen"
     first = int(os.environ.get("RANK", "0")) == 0
-    training = read_known(dataset) if unseen else read_samples(dataset, size=size)
     judged_on = read_known(validation) if unseen else read_samples(validation)
-    with bar("train", _PARTS) if first else nullcontext(lambda done: None) as advance:
-        checkpoint = train(
+    growing = GrowingSet(dataset, known=unseen, size=size, make=make and first)
+    with growing, bar("train", _PARTS, quiet=True) if first else nullcontext(ignore) as advance:
+        best = train(
             replace(preset, sigma=sigma, input_size=size),
             TrainSettings(
                 **asdict(settings),
                 time_limit_s=60.0 * (time_limit or math.inf),
-                validate_every_s=60.0 * validate_every,
             ),
-            training,
+            growing,
             judged_on,
             output,
-            omega=read_recipe(dataset).omega,
+            omega=growing.recipe.omega,
             begin_with=begin_with,
             small_checkpoints=small_checkpoints,
             pause_after_s=60.0 * (pause_after or math.inf),
-            report=lambda share: advance(int(_PARTS * share)),
+            report=lambda share, words: advance(int(_PARTS * share), words),
         )
     if not first:
         return
-    history = json.loads((output / "history.json").read_text())
+    progress = load_checkpoint(best.with_name(LAST)).progress
+    history = progress.history
     training_curves(history, output / "curves.png")
 
     def text() -> str:
-        last = history[-1]
-        minutes = last["spent_s"] / 60
-        words = "{step:.0f} steps in {minutes:.0f} min, loss {loss:.4f}"
-        lines = [f"{checkpoint}: {words.format(**last, minutes=minutes)}"]
+        last = history[progress.best]
+        minutes = progress.spent_s / 60
+        words = f"step {last['step']} of {progress.step} in {minutes:.0f} min"
+        lines = [f"{best}: {words}, loss {shown(last.get('loss'), '.4f')}"]
+        if progress.step < (progress.steps or progress.step):
+            lines.append(f"  stopped before step {progress.steps}; the same command goes on")
         if unseen:
             errors = [
                 f"{name.removeprefix('rmse_')} {last[name]:.4f}" for name in last if "rmse" in name
@@ -132,6 +142,8 @@ def command(
             names = ("gap", "success", "region_share", "mm")
             found = _REGION.format(*(last[f"{name}@{factor}"] for name in names))
             lines.append(f"  region at td × {factor}: {found.replace('%', ' %')}")
+        if progress.warning():
+            lines.append(f"  {progress.warning()}")
         return "\n".join(lines)
 
-    tell(as_json, {"checkpoint": str(checkpoint), "history": history}, text)
+    tell(as_json, {"best": str(best), "history": history, "warning": progress.warning()}, text)

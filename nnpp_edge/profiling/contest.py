@@ -14,6 +14,7 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
+from nnpp_edge.profiling.outcome import gap
 from nnpp_edge.progress import ignore
 from nnpp_edge.runtime.planners.plan import Plan, Source
 
@@ -145,13 +146,6 @@ def answer(plan: Plan, time_ms: float, optimum: float, exact_ms: float | None) -
     if plan.ok:
         found |= {"gap": gap(plan.cost, optimum), "cc": plan.traverse_cost}
     return found
-
-
-def gap(cost: float, optimum: float) -> float:
-    """By how much a cost is above the optimum, as a share of it; of its size where energy is got
-    back.
-    """
-    return (cost - optimum) / abs(optimum) if optimum else 0.0
 
 
 def summarised(rows: Iterable[Row], summary: Summary) -> Figures:

@@ -17,6 +17,7 @@ from nnpp_edge.profiling.contest import (
     ratio,
     summarised,
 )
+from nnpp_edge.profiling.outcome import of_region
 from nnpp_edge.profiling.rivals import EXACT, FindsPlans, RivalPlanner
 from nnpp_edge.profiling.suites import Case
 from nnpp_edge.progress import Progress, ignore
@@ -199,8 +200,8 @@ class _OnMap:
     def _searched(self, plan: Plan, optimum: Plan) -> Row:
         """Cells and poses that a plan's search went over, its regions kept.
 
-        MM is the number of cells of the optimal path over those of a region: of the one that was
-        searched, where one was, and of the network's at the threshold itself.
+        MM is that of the region that was searched, where one was, and of the network's at the
+        threshold itself.
         """
         found: Row = {
             "checks": plan.checks,
@@ -210,11 +211,11 @@ class _OnMap:
             "region_share": 1.0,
         }
         if plan.region is not None:
-            area = plan.region.area()
-            found["region_share"] = area / self._case.cost.size
-            found["mm"] = len(optimum.path) / area
+            searched = of_region(plan.region, len(optimum.path))
+            found["region_share"] = searched["share"]
+            found["mm"] = searched["mm"]
         if plan.network_region is not None:
-            found["mm_network"] = len(optimum.path) / plan.network_region.area()
+            found["mm_network"] = of_region(plan.network_region, len(optimum.path))["mm"]
         return found
 
     def _own_ms(self, name: str, records: Records) -> float:

@@ -97,8 +97,10 @@ def check_sizes(dems: Sequence[Dem], sizes: Sequence[int]) -> None:
     most = max(sizes)
     for dem in dems:
         if not large_enough([dem], most):
+            rows, cols = dem.shape
             raise InvalidQueryError(
-                f"{dem.source}: wanted terrain of at least {most} × {most} cells, got {dem.shape}"
+                f"{dem.source}: wanted terrain of at least {most} × {most} cells, got {rows} × "
+                f"{cols}: --sizes {min(dem.shape)} is the largest that fits"
             )
 
 

@@ -4,6 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 
+import numpy as np
+
 from nnpp_edge.reproduction.planners import CONTROLS_OF
 from nnpp_edge.reproduction.rows import Rows, percent
 
@@ -14,6 +16,7 @@ class Verdict(StrEnum):
     AGREES = "agrees"
     BETTER = "better than the paper's"
     DIFFERS = "does not agree"
+    TOO_FEW = "too few queries to say"
 
 
 @dataclass(frozen=True)
@@ -30,6 +33,9 @@ class Finding:
     """Controls that meet the rule as well: then it says nothing about the network."""
 
 
+ENOUGH = 100
+"""Queries from which on a verdict needs no interval."""
+SAMPLES = 200
 _NONE = Rows()
 Rule = Callable[[Rows], bool]
 """Whether rows are as claimed."""
@@ -45,10 +51,23 @@ def judge(
     planner: str = "",
     *,
     better: bool = False,
+    figure: Callable[[Rows], float] | None = None,
+    shown: Callable[[float], str] = str,
 ) -> Finding:
     """A finding: whether its rule holds, and, where it is a rule on `rows`, with which controls in
     place of the planner's network it holds as well.
+
+    Of few queries it is said whether they are enough: samples of them, drawn with replacement, must
+    nearly all give the same verdict. With a `figure` of the rows the interval of those is `shown`.
     """
+    drawn = drawn_anew(rows) if callable(holds) else []
+    if drawn and figure is not None:
+        low, high = np.nanquantile([figure(each) for each in drawn], (0.025, 0.975))
+        ours += f" ({shown(low)} to {shown(high)})"
+    if callable(holds) and drawn:
+        agreed = np.mean([holds(each) for each in drawn])
+        if 0.025 < agreed < 0.975:
+            return Finding(claim, paper, ours, rule, Verdict.TOO_FEW)
     verdict = Verdict.BETTER if better else Verdict.AGREES
     earned = []
     if callable(holds):
@@ -59,6 +78,20 @@ def judge(
     if not holds:
         return Finding(claim, paper, ours, rule, Verdict.DIFFERS)
     return Finding(claim, paper, ours, rule, verdict, tuple(earned))
+
+
+def drawn_anew(rows: Rows) -> list[Rows]:
+    """Samples of the queries, each of as many, with replacement; none of one query, or of many,
+    whose verdict does not hang on a few.
+    """
+    queries = list(rows.groups(("scene", "size", "map", "plan", "goal")).values())
+    if not 1 < len(queries) < ENOUGH:
+        return []
+    rng = np.random.default_rng(1)
+    return [
+        Rows(row for at in rng.integers(len(queries), size=len(queries)) for row in queries[at])
+        for _ in range(SAMPLES)
+    ]
 
 
 def with_control(rows: Rows, kind: str) -> Rows:
@@ -99,6 +132,8 @@ def judge_speedup(
         rows,
         fast,
         better=ours > 1.25 * theirs,
+        figure=lambda rows: rows.speedup(slow, fast),
+        shown=lambda gain: f"{gain:.3g}×",
     )
 
 
@@ -116,4 +151,6 @@ def judge_increase(claim: str, theirs: float, rows: Rows, planner: str) -> Findi
         rows,
         planner,
         better=ours < theirs - 0.01,
+        figure=lambda rows: rows.increase(planner),
+        shown=lambda share: percent(share, 2),
     )

@@ -7,7 +7,8 @@ from functools import partial
 
 import numpy as np
 
-from nnpp_edge.profiling.contest import Harness, gap
+from nnpp_edge.profiling.contest import Harness
+from nnpp_edge.profiling.outcome import gap, of_region
 from nnpp_edge.profiling.plain_astar import build_graph, search
 from nnpp_edge.reproduction.regions import (
     CONTROLS,
@@ -84,8 +85,7 @@ class OneMap:
             cost, _, cc = self.grid.costs_of(np.array(path, np.int32))
             row |= {"found": 1.0, "cc": cc, "exact_cc": exact_cc, "excess": gap(cost, least_cost)}
         if region is not None:
-            area = region.area()
-            row |= {"mm": len(self.optimum) / area, "share": area / self.cost.size}
+            row |= of_region(region, len(self.optimum))
         return row
 
     def searched(self, names: dict[str, str]) -> Rows:

@@ -93,6 +93,7 @@ EXPERIMENTS = {
 """The experiments of the paper by name, in the order in which they run."""
 _HEADS = {
     Verdict.DIFFERS: "What does not agree",
+    Verdict.TOO_FEW: "What too few queries were made for",
     Verdict.BETTER: "What is better than in the paper",
     Verdict.AGREES: "What agrees",
 }
@@ -257,7 +258,8 @@ def _write_page(output: Path) -> None:
         verdicts = Counter(finding.verdict for finding in each.findings)
         of_each = (str(verdicts[verdict] or MISSING) for verdict in Verdict)
         counts.append((each.link, each.title, *of_each))
-    parts.append(markdown_table(("", "experiment", "agrees", "better", "does not agree"), counts))
+    columns = ("", "experiment", "agrees", "better", "does not agree", "too few queries")
+    parts.append(markdown_table(columns, counts))
     columns = ("", "claim", "paper", "ours", "rule", "verdict")
     for verdict, head in _HEADS.items():
         lines = [

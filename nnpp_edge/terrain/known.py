@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 import cv2
 import numpy as np
 
-from nnpp_edge.runtime.arrays import Bool, Float2D, Int32, UInt8, in_blocks
+from nnpp_edge.runtime.arrays import Array, Bool, Float2D, Int32, UInt8, in_blocks
 from nnpp_edge.runtime.network.unseen import expected_by_slope
 from nnpp_edge.runtime.terrain.traversability import Traversability, terrain_terms
 from nnpp_edge.runtime.tuning import SlopePrice
@@ -50,7 +50,7 @@ class KnownMaps:
         factor = int(self.factor[at])
         return factor, float(self.cell_size_m[at]) * factor
 
-    def pick(self, maps: slice) -> "KnownMaps":
+    def pick(self, maps: slice | Array) -> "KnownMaps":
         """Some of the maps."""
         return KnownMaps(*(getattr(self, field.name)[maps] for field in fields(self)))
 

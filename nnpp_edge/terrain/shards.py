@@ -154,7 +154,7 @@ def read_terrain(recipe: Recipe) -> list[Dem]:
     factor = min(pooling for pooling, share in recipe.poolings if share)
     least = recipe.size * factor
     for name in recipe.terrain:
-        dem = _stripe(read_dem(name, recipe.cell_size_m), recipe.stripe)
+        dem = stripe_of(read_dem(name, recipe.cell_size_m), recipe.stripe)
         rows, cols = dem.shape
         side = min(rows, cols)
         if side < least:
@@ -179,7 +179,7 @@ def poolings(recipe: Recipe, tiles: Tiles) -> list[tuple[int, float]]:
     return [each for each in recipe.poolings if recipe.size * each[0] <= room]
 
 
-def _stripe(dem: Dem, stripe: tuple[float, float]) -> Dem:
+def stripe_of(dem: Dem, stripe: tuple[float, float]) -> Dem:
     """The part of an elevation map between two shares of its longer side."""
     if stripe == _WHOLE:
         return dem

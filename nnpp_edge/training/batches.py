@@ -1,37 +1,60 @@
-"""Batches of labelled queries, or of maps known by their blocks, turned and swapped at random."""
+"""Batches of labelled queries, or of maps known by their blocks, turned and swapped at random.
 
-import os
-from collections import deque
-from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
-from functools import partial
+They are made whole, on the device that trains: maps and labels lie there as bytes where they fit.
+"""
+
+from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
+import torch
+from torch import Tensor
 
-from nnpp_edge.model.network import encode
 from nnpp_edge.model.registry import Spec
-from nnpp_edge.runtime.arrays import Array, Float32, Int64, in_blocks
+from nnpp_edge.runtime.arrays import Bool, Float32, Int64
 from nnpp_edge.runtime.errors import DataSetError
+from nnpp_edge.runtime.network.model_file import UNSEEN
 from nnpp_edge.terrain.dataset import Samples
-from nnpp_edge.terrain.known import KnownMaps
+from nnpp_edge.terrain.known import CERTAIN, KnownMaps
 from nnpp_edge.terrain.labels import EXCESS_STEP
 from nnpp_edge.training.checkpoint import TrainSettings
-from nnpp_edge.training.unseen import Turn, known_batch, turned
+from nnpp_edge.training.encoding import encode_queries, encode_unseen_maps, query_shape
 
-Batch = tuple[Array, Float32, Float32]
+Batch = tuple[Tensor, Tensor, Tensor]
 """Planes, encoded queries, targets."""
-Make = Callable[[Int64, list[bool], list[Turn]], Batch]
-"""From the numbers of queries or maps, whether each is swapped, and how it is turned."""
+CPU = torch.device("cpu")
+POSITIONS = 8
+"""Of a map: turned and mirrored."""
+_BYTES_AT_ONCE = 2**21
+"""Batches of small maps are made several at once, up to so many bytes of planes: a call of torch
+takes longer than its work.
+"""
+_LARGEST_SHARE = 0.5
+"""Of a device's free memory that maps and labels may take."""
+
+
+class Held(NamedTuple):
+    """Samples as they are kept: bytes in tensors for the device, the rest in arrays."""
+
+    maps: Tensor
+    """(M, C, S, S) uint8 planes, or float32 heights of blocks."""
+    labels: Tensor
+    """(Q, L, B, B) uint8."""
+    map_index: Int64
+    """(Q,) the map of each sample."""
+    facts: Float32
+    """(Q, 2, 2) start and goal, or (Q, 4) of `encode_unseen_maps`."""
 
 
 class Batches:
-    """Planes, encoded queries and targets, in a new random order each epoch.
+    """Planes, encoded queries and targets, in a new random order each epoch, which the settings'
+    seed and the epoch's number decide.
 
     The settings' ``target`` is ``near``: exp(-excess / softness), the nearness to the optimum of
     the best path through a block; or ``path``: 1 on the optimal path's blocks, 0 elsewhere, as in
     the paper; for maps known by their blocks it is what the blocks turn out to be. Every process,
     `rank` of `world`, takes every `world`-th query of each batch: together they see the samples of
-    one process.
+    one process. DataSetError where samples are not of the network's size.
     """
 
     def __init__(
@@ -40,91 +63,141 @@ class Batches:
         spec: Spec,
         settings: TrainSettings,
         *,
+        device: torch.device = CPU,
         rank: int = 0,
         world: int = 1,
     ) -> None:
-        if len(samples) < settings.batch:
-            raise DataSetError(
-                f"wanted at least {settings.batch} samples for one batch, got {len(samples)}"
-            )
-        self.samples = samples
+        self.spec = spec
         self.settings = settings
+        self.device = device
         self.share = slice(rank, settings.batch, world)
-        self._make: Make
-        if isinstance(samples, KnownMaps):
-            self._make = partial(known_batch, samples)
-        else:
-            self._make = _labelled(samples, spec, settings)
+        bytes_a_cell = 4 * len(UNSEEN) if spec.encoding == "unseen" else 2
+        in_batch = bytes_a_cell * spec.input_size**2 * settings.batch // world
+        self._at_once = max(1, _BYTES_AT_ONCE // in_batch)
+        nearness = torch.exp(-torch.arange(256) * (EXCESS_STEP / settings.softness))
+        nearness[255] = 0.0
+        self._nearness = nearness.to(device)
+        self._held = self._placed(*self._of(samples))
 
     def __len__(self) -> int:
         """Batches in an epoch."""
-        return len(self.samples) // self.settings.batch
+        return len(self._held.labels) // self.settings.batch
+
+    def extend(self, samples: Samples | KnownMaps) -> None:
+        """Add samples of the same kind; the epochs that begin from now on have them, too."""
+        held = self._held
+        more = self._of(samples)
+        map_index = np.concatenate([held.map_index, more.map_index + len(held.maps)])
+        maps, labels = (
+            torch.cat((ours, theirs.to(ours.device)))
+            for ours, theirs in ((held.maps, more.maps), (held.labels, more.labels))
+        )
+        self._held = self._placed(maps, labels, map_index, np.concatenate([held.facts, more.facts]))
+
+    def _of(self, samples: Samples | KnownMaps) -> Held:
+        """Samples as they are kept, on the CPU."""
+        if isinstance(samples, KnownMaps):
+            return held_known(samples)
+        side = samples.planes.shape[-1]
+        blocks = self.spec.blocks
+        count, fine, _ = samples.excess.shape
+        if fine % blocks or side != self.spec.input_size:
+            raise DataSetError(
+                f"the network wants maps of {self.spec.input_size} and labels of a multiple of "
+                f"{blocks} blocks, got {side} and {fine}"
+            )
+        labels = torch.from_numpy(samples.excess)
+        if self.settings.target == "path":  # as the excess of a label: 0 on the path, else the most
+            labels = 255 * torch.from_numpy(1 - np.unpackbits(samples.on_path, axis=-1))
+        shape = (count, 1, blocks, fine // blocks, blocks, fine // blocks)
+        planes = torch.from_numpy(samples.planes)
+        return Held(
+            planes[:, :1] if self.spec.architecture == "nnpp" else planes,
+            labels.reshape(shape).amin((3, 5)),
+            samples.map_index.astype(np.int64),
+            np.stack([samples.start, samples.goal], 1),
+        )
+
+    def _placed(self, maps: Tensor, labels: Tensor, map_index: Int64, facts: Float32) -> Held:
+        """On the device, if there is room for them, else in this machine's memory, from which each
+        batch's are brought.
+        """
+        home = self.device
+        if home.type == "cuda" and maps.device != home:
+            free, _ = torch.cuda.mem_get_info(home)
+            wanted = sum(each.numel() * each.itemsize for each in (maps, labels))
+            if wanted > _LARGEST_SHARE * free:
+                home = CPU
+        return Held(maps.to(home), labels.to(home), map_index, facts)
 
     def epoch(self, number: int, skip: int = 0) -> Iterator[Batch]:
-        """The batches of an epoch from the `skip`-th on, made ahead in threads."""
-        seed = self.settings.seed
+        """The batches of an epoch from the `skip`-th on."""
         size = self.settings.batch
-        order = np.random.default_rng([seed, number]).permutation(len(self.samples))
+        rng = np.random.default_rng([self.settings.seed, number])
+        order = rng.permutation(len(self._held.labels))[: len(self) * size].reshape(-1, size)
+        swapped = rng.integers(2, size=order.shape, dtype=bool)[:, self.share]
+        # each place of a batch has its position, equal ones side by side: the order is random
+        turns = np.sort((np.arange(size) + rng.integers(POSITIONS)) % POSITIONS)[self.share]
+        order = order[:, self.share]  # of the whole batch, whoever takes which part of it
+        for first in range(skip - skip % self._at_once, len(self), self._at_once):
+            those = slice(first, first + self._at_once)
+            made = self._made(order[those], swapped[those], turns)
+            parts = [each.chunk(len(order[those])) for each in made]
+            yield from list(zip(*parts, strict=True))[max(skip - first, 0) :]
 
-        def make(at: int) -> Batch:
-            # drawn for the whole batch, whoever takes which part of it
-            rng = np.random.default_rng([seed, number, at])
-            swapped = [rng.random() >= 0.5 for _ in range(size)]
-            turns = [(int(rng.integers(4)), bool(rng.integers(2))) for _ in range(size)]
-            queries = order[at * size : (at + 1) * size]
-            return self._make(queries[self.share], swapped[self.share], turns[self.share])
-
-        threads = max(2, len(os.sched_getaffinity(0)))
-        with ThreadPoolExecutor(threads) as pool:
-            ahead: deque[Future[Batch]] = deque()
-            for at in range(skip, len(self)):
-                if len(ahead) > threads:
-                    yield ahead.popleft().result()
-                ahead.append(pool.submit(make, at))
-            while ahead:
-                yield ahead.popleft().result()
-
-
-def _labelled(samples: Samples, spec: Spec, settings: TrainSettings) -> Make:
-    """A function that makes batches of labelled queries."""
-    labels = samples.excess.shape[-1]
-    side = samples.planes.shape[-1]
-    blocks = spec.blocks
-    if labels % blocks or side != spec.input_size:
-        raise DataSetError(
-            f"the network wants maps of {spec.input_size} and labels of a multiple of {blocks} "
-            f"blocks, got {side} and {labels}"
-        )
-    finer = labels // blocks
-    last = side - 1
-    nearness = np.exp(-np.arange(256) * EXCESS_STEP / settings.softness).astype(np.float32)
-    nearness[255] = 0.0
-
-    def targets_of(queries: Int64) -> Float32:
-        """(N, B, B), the best of the labels in each of the network's blocks."""
-        if settings.target == "path":
-            on_path = np.unpackbits(samples.on_path[queries], axis=-1)
-            return np.asarray(in_blocks(on_path, finer).max(axis=(2, 4)), np.float32)
-        return np.asarray(nearness[in_blocks(samples.excess[queries], finer).min(axis=(2, 4))])
-
-    def make(queries: Int64, swapped: list[bool], turns: list[Turn]) -> Batch:
-        """The batch of `queries`; those `swapped` go from goal to start, and each is turned and
-        mirrored.
+    def _made(self, queries: Int64, swapped: Bool, turns: Int64) -> Batch:
+        """Planes, encoded queries and targets of some batches' queries (A, N); those `swapped` go
+        from goal to start.
         """
-        planes = samples.planes[samples.map_index[queries]]
-        targets = targets_of(queries)
-        encoded = []
-        for at, (query, swap, turn) in enumerate(zip(queries, swapped, turns, strict=True)):
-            planes[at] = turned(planes[at], turn)
-            targets[at] = turned(targets[at], turn)
-            quarters, mirrored = turn
-            ends = []
-            for row, col in (samples.start[query].tolist(), samples.goal[query].tolist()):
-                for _ in range(quarters):
-                    row, col = last - col, row
-                ends.append((row, last - col if mirrored else col))
-            start, goal = reversed(ends) if swap else ends
-            encoded.append(encode(spec, start, goal))
-        return planes, np.stack(encoded), targets
+        held = self._held
+        labels = self._turned(held.labels, queries, turns)
+        maps = self._turned(held.maps, held.map_index[queries], turns)
+        facts = held.facts[queries]
+        if self.spec.encoding == "unseen":
+            of_maps = torch.from_numpy(facts.reshape(len(maps), -1)).to(self.device)
+            planes = maps.new_empty((len(maps), len(UNSEEN), *maps.shape[2:]))
+            encode_unseen_maps(maps[:, 0], of_maps, planes)
+            return planes, maps.new_empty((len(maps), 0)), labels / CERTAIN
+        ends = turned_ends(facts, turns, self.spec.input_size)
+        ends = np.where(swapped[..., None, None], ends[:, :, ::-1], ends).reshape(-1, 2, 2)
+        query = self._nearness.new_empty((len(maps), *query_shape(self.spec)))
+        encode_queries(self.spec, torch.from_numpy(ends).to(self.device), query)
+        return maps, query, self._nearness[labels[:, 0].int()]
 
-    return make
+    def _turned(self, held: Tensor, index: Int64, turns: Int64) -> Tensor:
+        """`held[index]` on the device, each in its position: all of one position at once, so many
+        batches (A, N) there may be.
+        """
+        picked = torch.from_numpy(index.ravel()).to(held.device)
+        found = held.index_select(0, picked).to(self.device, non_blocking=True)
+        of_batches = found.reshape(*index.shape, *held.shape[1:])
+        groups = torch.split(of_batches, np.bincount(turns).tolist(), 1)
+        in_position = [turned(group, turn) for turn, group in enumerate(groups)]
+        return torch.cat(in_position, 1).flatten(0, 1)
+
+
+def held_known(maps: KnownMaps) -> Held:
+    """Maps known by their blocks as they are kept, on the CPU."""
+    facts = (maps.factor, maps.cell_size_m, maps.slope_limit_deg, maps.hard_slope_deg)
+    return Held(
+        torch.from_numpy(np.ascontiguousarray(maps.heights[:, None])),
+        torch.from_numpy(np.ascontiguousarray(maps.answers)),
+        np.arange(len(maps)),
+        np.stack(facts, 1).astype(np.float32),
+    )
+
+
+def turned(array: Tensor, turn: int) -> Tensor:
+    """(..., S, S) in one of eight positions: rows mirrored if `turn` has the bit 1, columns 2, then
+    transposed 4.
+    """
+    mirrored = [axis for axis, bit in ((-2, 1), (-1, 2)) if turn & bit]
+    array = array.flip(mirrored) if mirrored else array
+    return array.mT if turn & 4 else array
+
+
+def turned_ends(ends: Float32, turns: Int64, side: int) -> Float32:
+    """Places (..., N, 2, 2), (row, col) in cells, on maps of this side in these positions (N,)."""
+    turns = turns[:, None, None]
+    mirrored = np.where(turns & np.array([1, 2]), np.float32(side - 1) - ends, ends)
+    return np.where(turns & 4, mirrored[..., ::-1], mirrored)

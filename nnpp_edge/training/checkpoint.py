@@ -16,6 +16,8 @@ from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.reading import problem_with_file
 
+BEST = "best.pt"
+LAST = "last.pt"
 HISTORY = "history.json"
 _DECIDING = (
     "batch",
@@ -29,6 +31,10 @@ _DECIDING = (
     "precision",
 )
 """Settings that decide the weights."""
+WAITED = 3
+WORSE = 1.05
+"""Validations since the best, and times its score, from which on a training is said to get worse.
+"""
 State = dict[str, Tensor]
 """A network's parameters and buffers by name."""
 
@@ -54,7 +60,10 @@ class TrainSettings:
     """About how long the training takes, over all resumed runs: its speed in the warm-up decides
     the number of steps.
     """
-    validate_every_s: float = 300.0
+    validations: int = 20
+    """Over the training, evenly spread, beside the one before it."""
+    patience: int | None = None
+    """The training ends after so many validations in a row that are no better than the best."""
     average_decay: float = 0.998
     """Of the running mean of the weights, which is what is validated and exported."""
     precision: str = "auto"
@@ -75,7 +84,32 @@ class Progress:
     """The step at which the training ends, once that is known; `TrainSettings.steps` of that number
     repeats it.
     """
+    shards: int = 0
+    """Of a data set that grows, those that the epoch has."""
     history: list[dict[str, float]] = field(default_factory=list)
+
+    @property
+    def best(self) -> int:
+        """Number of the validation with the least score; the first of equal ones."""
+        return min(range(len(self.history)), key=lambda at: self.history[at]["score"])
+
+    @property
+    def waited(self) -> int:
+        """Validations since the best."""
+        return len(self.history) - 1 - self.best
+
+    def warning(self) -> str:
+        """A sentence where validation got worse while the loss fell; else empty."""
+        best = self.history[self.best]
+        last = self.history[-1]
+        fell = last.get("loss", 0.0) < best.get("loss", math.inf)
+        if self.waited < WAITED or last["score"] < WORSE * best["score"] or not fell:
+            return ""
+        return (
+            f"validation has got worse since step {best['step']} of {last['step']} (score "
+            f"{best['score']:.4f} → {last['score']:.4f}) while the training loss fell: the network "
+            "learns its training set by heart; more maps or fewer steps help"
+        )
 
 
 @dataclass(frozen=True)
@@ -97,6 +131,7 @@ class Checkpoint:
         """Facts that decided the weights, for a model's metadata."""
         return {
             "steps": self.progress.step,
+            "of_steps": self.progress.steps,
             "epochs": self.progress.epoch,
             "seconds": round(self.progress.spent_s, 1),
             **{name: getattr(self.settings, name) for name in _DECIDING},

@@ -2,6 +2,7 @@
 several.
 """
 
+import ctypes
 import math
 import os
 import sys
@@ -10,7 +11,6 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-import numpy as np
 import torch
 from torch import Tensor, distributed, nn
 from torch.nn.functional import binary_cross_entropy_with_logits
@@ -18,11 +18,14 @@ from torch.nn.functional import binary_cross_entropy_with_logits
 from nnpp_edge.files import make_folder
 from nnpp_edge.model.network import Network
 from nnpp_edge.model.registry import Spec
-from nnpp_edge.runtime.errors import InvalidQueryError, ModelError
-from nnpp_edge.terrain.dataset import Samples
+from nnpp_edge.progress import ignore
+from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError, ModelError
+from nnpp_edge.terrain.dataset import GrowingSet, Samples
 from nnpp_edge.terrain.known import KnownMaps
 from nnpp_edge.training.batches import Batch, Batches
 from nnpp_edge.training.checkpoint import (
+    BEST,
+    LAST,
     Checkpoint,
     Progress,
     State,
@@ -30,16 +33,22 @@ from nnpp_edge.training.checkpoint import (
     load_checkpoint,
 )
 from nnpp_edge.training.unseen import KnownValidator
-from nnpp_edge.training.validation import Validator
+from nnpp_edge.training.validation import SCORED, Validator
 
 __all__ = ["Progress", "TrainSettings", "train"]
-CHECKPOINT = "checkpoint.pt"
+_TRIM_THRESHOLD = -1
+_MMAP_MAX = -4
+"""Options of glibc's mallopt."""
+SAVED_EVERY_S = 300.0
+REPORTED_EVERY_S = 0.5
+Report = Callable[[float, str], None]
+"""Called with the share done, and loss, rate and validation in words."""
 
 
 def train(
     spec: Spec,
     settings: TrainSettings,
-    training: Samples | KnownMaps,
+    training: Samples | KnownMaps | GrowingSet,
     validation: Samples | KnownMaps,
     folder: Path,
     *,
@@ -47,20 +56,22 @@ def train(
     begin_with: Path | None = None,
     small_checkpoints: bool = False,
     pause_after_s: float = math.inf,
-    report: Callable[[float], None] = lambda share: None,
+    report: Report = ignore,
 ) -> Path:
-    """Train a network, going on from the folder's checkpoint if there is one; the path of its
-    checkpoint.
+    """Train a network, going on from the folder's last checkpoint if there is one; the path of the
+    best.
 
-    The `folder` gets ``checkpoint.pt`` (weights, running mean, optimiser, progress; loads with
-    weights_only) and ``history.json``. `omega` is the weight of the traversability cost per grey
-    level, for validation's searches. A new run begins with the averaged weights of the checkpoint
-    `begin_with`, whose input may have another size. The two data sets are of one kind.
+    The `folder` gets ``last.pt`` (weights, running mean, optimiser, progress; loads with
+    weights_only), ``best.pt`` (the running mean at the validation with the least ``score``) and
+    ``history.json``. `omega` is the weight of the traversability cost per grey level, for
+    validation's searches. A new run begins with the averaged weights of the checkpoint
+    `begin_with`, whose input may have another size. The two data sets are of one kind. A training
+    set that grows is looked at before each epoch; epochs are counted as of the whole set.
 
     With `small_checkpoints` only the running mean of the weights is saved, convolutions in 16 bits:
     a resumed run goes on from the mean with a new optimiser, whose learning rate is warmed up
     again. After `pause_after_s` seconds the run is saved, wherever it is; called again it goes on.
-    `report` is called after each step with the share done.
+    `report` is called twice a second.
 
     Under ``torchrun`` each process takes its share of every batch and gradients are averaged; only
     the first validates, writes and reports. ModelError where the folder's checkpoint is of another
@@ -72,43 +83,119 @@ def train(
         raise InvalidQueryError(
             f"batch must be a multiple of the {processes.world} processes, got {settings.batch}"
         )
+    keep_freed_memory()
     make_folder(folder)
-    path = folder / CHECKPOINT
-    batches = Batches(training, spec, settings, rank=processes.rank, world=processes.world)
+    last = folder / LAST
+    former = folder / "checkpoint.pt"  # its name in older versions
+    if processes.first and former.exists() and not last.exists():
+        former.rename(last)
     validator = _validator(validation, spec, omega) if processes.first else None
-    run = _Run(spec, settings, processes, len(batches))
-    run.begin(path, begin_with)
+    run = _Run(spec, settings, processes)
+    run.begin(last, begin_with)
     progress = run.progress
+    data = _Data(training, run)
     began = time.monotonic()
-    validated = began
+    saved = began
 
-    def validate_and_save() -> None:
-        mean_loss = processes.mean(float(np.mean(run.losses))) if run.losses else None
-        run.losses.clear()
+    def validate() -> None:
+        loss = processes.mean(run.loss)
+        validating = time.monotonic()
         if validator is not None:
-            if mean_loss is not None:
-                progress.history.append(run.validated(validator, mean_loss))
-            run.checkpoint(small=small_checkpoints).save(path)
+            progress.history.append(run.validated(validator, loss))
+            if not progress.waited:
+                run.checkpoint(small=small_checkpoints, best=True).save(folder / BEST)
+        run.validation_s = processes.of_the_first(time.monotonic() - validating)
+        run.since_validated()
+
+    def save() -> None:
+        if processes.first:
+            run.checkpoint(small=small_checkpoints).save(last)
 
     def stops() -> bool:
-        return run.done or processes.of_the_first(time.monotonic() - began) > pause_after_s
+        waited = processes.first and run.out_of_patience
+        over = time.monotonic() - began > pause_after_s
+        return run.done or bool(processes.of_the_first(float(waited or over)))
 
-    while not stops() and progress.epoch < settings.epochs:
-        for batch in batches.epoch(progress.epoch, progress.step_in_epoch):
-            if stops():
-                break
+    data.grow()
+    if not progress.history:
+        validate()
+        save()
+    while not stops():
+        for batch in data.batches.epoch(progress.epoch, progress.step_in_epoch):
             run.step(batch)
             if processes.first:
-                report(run.share_done)
-            if processes.of_the_first(time.monotonic() - validated) > settings.validate_every_s:
-                validate_and_save()
-                validated = time.monotonic()
-        else:
+                run.tell(report)
+            if run.validation_due:
+                validate()
+                save()
+            if processes.of_the_first(time.monotonic() - saved) > SAVED_EVERY_S:
+                save()
+                saved = time.monotonic()
+            if stops():
+                break
+        if progress.step_in_epoch == len(data.batches):
             progress.epoch += 1
             progress.step_in_epoch = 0
-    validate_and_save()
+            data.grow()
+    save()
     processes.leave()
-    return path
+    return folder / BEST
+
+
+class _Data:
+    """The training's batches, and the set that they may grow from."""
+
+    def __init__(self, training: Samples | KnownMaps | GrowingSet, run: "_Run") -> None:
+        self._run = run
+        self._set = training if isinstance(training, GrowingSet) else None
+        self._batches: Batches | None = None
+        if not isinstance(training, GrowingSet):
+            self._take(training)
+
+    @property
+    def batches(self) -> Batches:
+        assert self._batches is not None
+        return self._batches
+
+    def _take(self, samples: Samples | KnownMaps) -> None:
+        run = self._run
+        if self._batches is not None:
+            self._batches.extend(samples)
+            return
+        processes = run.processes
+        self._batches = Batches(
+            samples,
+            run.spec,
+            run.settings,
+            device=processes.device,
+            rank=processes.rank,
+            world=processes.world,
+        )
+
+    def grow(self) -> None:
+        """Before an epoch: take the shards that have appeared; of an epoch that was begun in
+        another call, those that it had. DataSetError where there is less than a batch.
+        """
+        progress = self._run.progress
+        growing = self._set
+        share = 1.0
+        while growing is not None:
+            shards = progress.shards if progress.step_in_epoch else growing.ready()
+            progress.shards = int(self._run.processes.of_the_first(shards))
+            more = growing.read(progress.shards)
+            if more is not None:
+                self._take(more)
+            share = progress.shards / growing.recipe.shards
+            if (self._batches is not None and len(self._batches)) or not growing.growing():
+                break
+            time.sleep(1.0)
+        if self._batches is None or not len(self._batches):
+            least = self._run.settings.batch
+            raise DataSetError(
+                f"wanted at least {least} samples for one batch, got fewer: make more maps, or "
+                "give a smaller --batch"
+            )
+        self._run.plan_steps(round(len(self._batches) / share))
 
 
 def _validator(
@@ -117,6 +204,16 @@ def _validator(
     if isinstance(validation, KnownMaps):
         return KnownValidator(validation)
     return Validator(validation, spec, omega)
+
+
+def keep_freed_memory() -> None:
+    """Have the C library keep what it frees, where it is glibc: it hands large arrays back to the
+    system, which takes longer to give them anew than a step takes to fill them.
+    """
+    library = ctypes.CDLL(None)
+    if hasattr(library, "mallopt"):
+        for option, value in ((_MMAP_MAX, 0), (_TRIM_THRESHOLD, -1)):
+            library.mallopt(option, value)
 
 
 @dataclass(frozen=True)
@@ -162,9 +259,10 @@ class Processes:
         return self._shared(value, distributed.all_reduce) / self.world
 
     def _shared(self, value: float, exchange: Callable[[Tensor], object]) -> float:
+        if self.world == 1:
+            return value
         shared = torch.tensor(value, dtype=torch.float64, device=self.device)
-        if self.world > 1:
-            exchange(shared)
+        exchange(shared)
         return shared.item()
 
     def leave(self) -> None:
@@ -179,9 +277,7 @@ class _Run:
     progress.
     """
 
-    def __init__(
-        self, spec: Spec, settings: TrainSettings, processes: Processes, batches_an_epoch: int
-    ) -> None:
+    def __init__(self, spec: Spec, settings: TrainSettings, processes: Processes) -> None:
         self.spec = spec
         self.settings = settings
         self.processes = processes
@@ -195,14 +291,14 @@ class _Run:
         )
         self.optimiser_since = 0
         """Step at which the optimiser was new."""
+        self.validation_s = 0.0
+        """Of the last validation."""
         on_gpu = self.device.type == "cuda"
         self.in_bfloat16 = settings.precision == "bfloat16" or (
             settings.precision == "auto" and on_gpu
         )
-        self.most = min(settings.epochs * batches_an_epoch, settings.steps or sys.maxsize)
-        """Steps at most."""
-        self.losses: list[float] = []
-        """Of the steps since the last validation."""
+        self.most = sys.maxsize
+        """Steps at most, as far as that is known."""
         self.progress = Progress()
         self.origin: dict[str, object] = {
             "torch": str(torch.__version__),
@@ -228,9 +324,8 @@ class _Run:
             self.origin["begun_with"] = theirs.facts()
         self.average.load_state_dict(average)
         self.wrapped = self.processes.averaging_gradients(self.network)
-        if self.settings.time_limit_s == math.inf:
-            self.progress.steps = self.most
         self.started = time.monotonic() - self.progress.spent_s
+        self.since_validated()
 
     def _resume(self, path: Path) -> State:
         """Go on from a checkpoint; its average."""
@@ -239,6 +334,8 @@ class _Run:
             raise ModelError(f"{path}: wanted a checkpoint of {self.spec}, got one of {saved.spec}")
         self.network.load_state_dict(saved.network)
         self.progress = saved.progress
+        # older versions knew no score
+        self.progress.history = [row for row in saved.progress.history if "score" in row]
         self.origin = saved.origin | self.origin
         if saved.optimiser:
             self.optimiser.load_state_dict(saved.optimiser)
@@ -250,10 +347,44 @@ class _Run:
             self.progress.steps = None
         return saved.average
 
+    def plan_steps(self, batches_an_epoch: int) -> None:
+        """Say how many batches an epoch of the whole data set has."""
+        settings = self.settings
+        self.most = min(settings.epochs * batches_an_epoch, settings.steps or sys.maxsize)
+        if settings.time_limit_s == math.inf and self.progress.steps is None:
+            self.progress.steps = self.most
+
+    def since_validated(self) -> None:
+        """Begin to count anew: loss, steps and time since the last validation."""
+        self.summed = torch.zeros((), dtype=torch.float64, device=self.device)
+        self.counted = 0
+        self.counted_since = time.monotonic()
+        self.told = self.counted_since
+
+    @property
+    def loss(self) -> float:
+        """Mean since the last validation; 0 before the first step after it."""
+        return float(self.summed) / max(self.counted, 1)
+
     @property
     def done(self) -> bool:
         """Whether the last step has been made."""
-        return self.progress.steps is not None and self.progress.step >= self.progress.steps
+        return self.progress.step >= (self.progress.steps or self.most)
+
+    @property
+    def validation_due(self) -> bool:
+        """Whether the step made is the last one of a part of the training, as many parts as there
+        are validations.
+        """
+        steps = self.progress.steps or self.most
+        parts = self.settings.validations
+        step = self.progress.step
+        return step * parts // steps > (step - 1) * parts // steps
+
+    @property
+    def out_of_patience(self) -> bool:
+        """Whether so many validations were no better than the best as were to be waited for."""
+        return self.progress.waited >= (self.settings.patience or sys.maxsize)
 
     @property
     def share_done(self) -> float:
@@ -273,7 +404,8 @@ class _Run:
         torch.autograd.backward(loss)
         nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
         self.optimiser.step()
-        self.losses.append(float(loss.detach()))
+        self.summed += loss.detach()
+        self.counted += 1
         progress = self.progress
         decay = min(self.settings.average_decay, (1 + progress.step) / (10 + progress.step))
         with torch.no_grad():
@@ -287,13 +419,14 @@ class _Run:
         limit_s = self.settings.time_limit_s
         warmed = progress.step >= self.settings.warmup_steps or progress.spent_s >= limit_s
         if progress.steps is None and warmed:
-            in_time = int(progress.step * limit_s / progress.spent_s)
+            # the validations to come take time, too: at most half of it
+            to_validate_s = self.settings.validations * self.validation_s
+            for_steps_s = max(limit_s - to_validate_s, 0.5 * limit_s)
+            in_time = int(progress.step * for_steps_s / progress.spent_s)
             progress.steps = min(self.most, max(progress.step, in_time))
 
     def _loss(self, batch: Batch) -> Tensor:
-        planes, query, target = (
-            torch.from_numpy(array).to(self.device, non_blocking=True) for array in batch
-        )
+        planes, query, target = batch
         self.network.train()
         with torch.autocast(self.device.type, torch.bfloat16, enabled=self.in_bfloat16):
             logits = self.wrapped(planes.contiguous(memory_format=torch.channels_last), query)
@@ -313,6 +446,25 @@ class _Run:
         cosine = math.cos(math.pi * (step - warmup) / (steps - warmup))
         return rate * (0.01 + 0.99 * 0.5 * (1.0 + cosine))
 
+    def tell(self, report: Report) -> None:
+        """Report the share done with loss, rate and validation in words, now and then."""
+        now = time.monotonic()
+        if now - self.told < REPORTED_EVERY_S:
+            return
+        self.told = now
+        rate = self.counted * self.settings.batch / (now - self.counted_since)
+        words = [f"loss {self.loss:.4f}", f"{rate:.0f} samples/s", self.validated_words()]
+        report(self.share_done, ", ".join(words))
+
+    def validated_words(self) -> str:
+        """The last validation in words, beside the best."""
+        progress = self.progress
+        best = progress.history[progress.best]
+        words = f"validation {progress.history[-1]['score']:.4f}"
+        if progress.waited:
+            words += f" (best {best['score']:.4f}, step {best['step']})"
+        return words
+
     def validated(self, validator: Validator | KnownValidator, loss: float) -> dict[str, float]:
         """The history's row for the running mean, with this mean loss since the last one."""
         # the batch norms' statistics are not averaged
@@ -322,19 +474,25 @@ class _Run:
             "step": self.progress.step,
             "epoch": self.progress.epoch,
             "spent_s": round(self.progress.spent_s, 1),
-            "loss": loss,
         }
+        if self.counted:
+            row["loss"] = loss
         for judged in validator.judge(self.average):
             figures = asdict(judged)
             at = f"@{figures.pop('factor'):g}" if "factor" in figures else ""
             row |= {f"{name}{at}": value for name, value in figures.items()}
+            if at in ("", f"@{SCORED:g}"):
+                row["score"] = judged.score
         return row
 
-    def checkpoint(self, *, small: bool) -> Checkpoint:
-        """All of the run, or only the running mean."""
+    def checkpoint(self, *, small: bool, best: bool = False) -> Checkpoint:
+        """All of the run; of the `best`, or a small one, only the running mean."""
         network = self.network.state_dict()
         average = self.average.state_dict()
         optimiser = self.optimiser.state_dict()
+        if best:
+            network = average
+            optimiser = {}
         if small:
             # vectors, few numbers beside the convolutions' weights, stay as they are
             average = {

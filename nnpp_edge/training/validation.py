@@ -1,11 +1,17 @@
 """Validation by the metric that matters: the outcome of searches in the predicted region."""
 
+import os
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from queue import SimpleQueue
+from typing import TypeVar
 
 import numpy as np
 
 from nnpp_edge.model.network import Network, encode
 from nnpp_edge.model.registry import Spec
+from nnpp_edge.profiling.outcome import gap, of_region
 from nnpp_edge.runtime.arrays import Float32
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.kernels.threshold import lowered
@@ -13,28 +19,39 @@ from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.network.encoding import Frame
 from nnpp_edge.runtime.region.learned import RegionFinder
 from nnpp_edge.runtime.search.astar import astar
-from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.terrain.step_cost import StepModel
 from nnpp_edge.terrain.dataset import Samples
 
+T = TypeVar("T")
+Scratch = tuple[Workspace, RegionFinder]
+"""Memory of one thread's searches."""
 FACTORS = (1.0, 0.5, 0.25)
 """On the adaptive threshold, that a training is judged at."""
+SCORED = 0.5
+"""The one that a model is exported with by default; the best weights are chosen by it."""
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """Means over the validation queries at one factor on the adaptive threshold."""
+    """Means over the validation queries at one factor on the adaptive threshold; what is counted is
+    defined in `profiling.outcome`.
+    """
 
     factor: float
     success: float
-    """Share of queries with a path inside the region."""
+    """Share of queries that are found: with a path inside the region."""
     gap: float
-    """Mean excess of the path's cost over the optimum, of the queries that succeeded."""
+    """Mean gap of those."""
     region_share: float
     """Mean share of the map that the region covers."""
     mm: float
-    """Mean ratio of the optimal path's cells to the region's (the paper's ModelMetric)."""
+    """Mean MM."""
+    score: float
+    """Mean of gap and region's share together, a query that is not found counted as a search of
+    the whole map; less is better. About half of td a wider region gains as much gap as it costs
+    share, so that the score is not lowered by widening alone.
+    """
 
 
 class Validator:
@@ -43,7 +60,8 @@ class Validator:
 
     The maps' side is the network's or a multiple of it; the network is shown them averaged. Cells
     of which a part is impassable, on maps that the data set holds averaged, are passable at their
-    mean cost: all queries are searched.
+    mean cost: all queries are searched. The region is the network's own (`reproduction.regions`),
+    before any widening or narrowing.
     """
 
     def __init__(
@@ -56,58 +74,87 @@ class Validator:
         size = samples.planes.shape[-1]
         self.samples = samples
         self.index = np.linspace(0, len(samples) - 1, min(most, len(samples))).astype(int)
-        self._shown = samples.averaged(spec.input_size)
-        ends = (self._shown.query(query)[1:] for query in self.index)
+        self.shown = samples.averaged(spec.input_size).pick(self.index)
+        """The queries as the network is shown them."""
+        ends = (self.shown.query(at)[1:] for at in range(len(self.index)))
         self.queries = np.stack([encode(spec, start, goal) for start, goal in ends])
         self.model = StepModel.of("paper", omega)
-        self.workspace = Workspace((size + 2) ** 2)
-        self.finder = RegionFinder(spec.blocks)
         self.lookup = Frame(size, size, spec.input_size).lookup(spec.blocks)
-        self.optima = [self._search(query) for query in self.index]
+        self._scratch = SimpleQueue[Scratch]()
+        for _ in os.sched_getaffinity(0):
+            self._scratch.put((Workspace((size + 2) ** 2), RegionFinder(spec.blocks)))
+        self.optima = self._in_threads(self._optimum, range(len(self.index)))
         """Cost and number of cells of the optimal paths."""
 
     def judge(self, network: Network) -> list[Judgement]:
         """Search every validation query in the network's region, for each of `FACTORS`."""
-        maps = self._shown.planes[self._shown.map_index[self.index]]
-        answers = network.answers(maps, self.queries)
-        return [self.judge_answers(answers, factor) for factor in FACTORS]
+        maps = self.shown.planes[self.shown.map_index]
+        return self.judge_answers(network.answers(maps, self.queries))
 
-    def judge_answers(self, probabilities: Float32, factor: float) -> Judgement:
-        """As `judge`, for probabilities (Q, B, B) in the order of `index`, at one factor."""
-        rows = []
-        answers = zip(self.index, probabilities, self.optima, strict=True)
-        for query, probability, (optimum, cells) in answers:
-            region = self._region(query, probability, factor)
-            area = region.area()
-            cost, _ = self._search(query, region)
-            share = area / self.samples.planes[0, 0].size
-            rows.append((cost / optimum - 1.0, share, cells / area))
-        gaps, shares, mms = np.array(rows).T
-        found = np.isfinite(gaps)
-        gap = gaps[found].mean() if found.any() else np.inf
-        return Judgement(factor, *map(float, (found.mean(), gap, shares.mean(), mms.mean())))
+    def judge_answers(
+        self, probabilities: Float32, factors: Sequence[float] = FACTORS
+    ) -> list[Judgement]:
+        """As `judge`, for probabilities (Q, B, B) in the order of `index`."""
 
-    def _region(self, query: int, probability: Float32, factor: float) -> Region:
-        """The region at a factor on the adaptive threshold."""
-        row_block, col_block = self.lookup
-        ends = self._ends(query)
-        start, goal = ((int(row_block[row]), int(col_block[col])) for row, col in ends)
-        self.finder.read(probability)
-        threshold = self.finder.threshold(start, goal)
-        self.finder.mark(lowered(threshold, factor), start, goal)
-        return self.finder.region(self.lookup)
+        def of_query(at: int, scratch: Scratch) -> list[tuple[float, float, float]]:
+            """Gap (inf if not found), region's share and MM at each factor."""
+            workspace, finder = scratch
+            optimum, cells = self.optima[at]
+            grid, ends = self._query(at)
+            row_block, col_block = self.lookup
+            start, goal = ((int(row_block[row]), int(col_block[col])) for row, col in ends)
+            finder.read(probabilities[at])
+            threshold = finder.threshold(start, goal)
+            found = []
+            for factor in factors:
+                finder.mark(lowered(threshold, factor), start, goal)
+                region = finder.region(self.lookup)
+                path = astar(grid, *ends, workspace, region=region).path
+                of = of_region(region, cells)
+                found.append((gap(grid.costs_of(path)[0], optimum), of["share"], of["mm"]))
+            return found
 
-    def _search(self, query: int, region: Region | None = None) -> tuple[float, int]:
-        """Cost and number of cells of the cheapest path; inf if there is none."""
+        rows = np.array(self._in_threads(of_query, range(len(self.index))))
+        judged = []
+        for factor, (gaps, shares, mms) in zip(factors, rows.transpose(1, 2, 0), strict=True):
+            found = np.isfinite(gaps)
+            judged.append(
+                Judgement(
+                    factor,
+                    success=float(found.mean()),
+                    gap=float(gaps[found].mean()) if found.any() else np.inf,
+                    region_share=float(shares.mean()),
+                    mm=float(mms.mean()),
+                    score=float(np.where(found, gaps + shares, 1.0).mean()),
+                )
+            )
+        return judged
+
+    def _optimum(self, at: int, scratch: Scratch) -> tuple[float, int]:
+        """Cost and number of cells of the cheapest path on the whole map."""
+        grid, ends = self._query(at)
+        path = astar(grid, *ends, scratch[0]).path
+        return grid.costs_of(path)[0], len(path)
+
+    def _query(self, at: int) -> tuple[Grid, Endpoints]:
+        """The map of a query, as the data set holds it, and the cells of start and goal."""
+        query = self.index[at]
         planes = self.samples.planes[self.samples.map_index[query]]
         cost = np.minimum(planes[0].astype(np.float32), 254.0) / 255.0
         cost[planes[1] == 255] = np.inf
-        grid = Grid.of(cost, self.model)
-        path = astar(grid, *self._ends(query), self.workspace, region=region).path
-        return grid.costs_of(path)[0], len(path)
+        ends = np.rint([self.samples.start[query], self.samples.goal[query]]).astype(int)
+        start, goal = ends.tolist()
+        return Grid.of(cost, self.model), (tuple(start), tuple(goal))
 
-    def _ends(self, query: int) -> Endpoints:
-        """Start and goal, as cells of the data set's map."""
-        start = np.rint(self.samples.start[query]).astype(int)
-        goal = np.rint(self.samples.goal[query]).astype(int)
-        return tuple(start.tolist()), tuple(goal.tolist())
+    def _in_threads(self, work: Callable[[int, Scratch], T], queries: Iterable[int]) -> list[T]:
+        """The work on each query, in their order, shared between the cores."""
+
+        def run(query: int) -> T:
+            scratch = self._scratch.get()
+            try:
+                return work(query, scratch)
+            finally:
+                self._scratch.put(scratch)
+
+        with ThreadPoolExecutor(self._scratch.qsize()) as pool:
+            return list(pool.map(run, queries))

@@ -3,6 +3,7 @@ share.
 """
 
 import io
+import math
 from base64 import b64encode
 from collections.abc import Callable, Iterator, Sequence
 from importlib.resources import files
@@ -40,22 +41,26 @@ _WIDE = 5.2
 
 
 def training_curves(history: Sequence[dict[str, float]], path: Path) -> None:
-    """Loss, and what the validations found, against training steps."""
+    """Loss, and what the validations found, against training steps; a dotted line at the best."""
     panels = _FITS if "rmse_mean" in history[0] else _PANELS
     steps = [row["step"] for row in history]
     factors = {key.partition("@")[2] for key in history[0] if "@" in key}
+    best = min(history, key=lambda row: row["score"])
     figure = new_figure(11.0, 6.5)
     for axes, (name, title, scale) in zip(figure.subplots(2, 2).flat, panels, strict=True):
         curves: dict[str, str | None] = {name: None}
-        if name not in history[0]:  # one for each factor
+        if name not in history[-1]:  # one for each factor
             largest_first = sorted(factors, key=float, reverse=True)
             curves = {f"{name}@{factor}": f"td × {factor}" for factor in largest_first}
         for key, label in curves.items():
-            values = [scale * row[key] for row in history]
+            values = [scale * row.get(key, math.nan) for row in history]
             axes.plot(steps, values, marker="o", markersize=3, label=label)
         if axes.get_legend_handles_labels()[1]:
             axes.legend(fontsize="small")
-        axes.set(title=title, xlabel="step", yscale="log" if name in ("loss", "gap") else "linear")
+        drawn = np.array([line.get_ydata() for line in axes.lines])
+        logarithmic = name in ("loss", "gap") and (np.nan_to_num(drawn) > 0.0).any()
+        axes.axvline(best["step"], color="0.6", linestyle=":")
+        axes.set(title=title, xlabel="step", yscale="log" if logarithmic else "linear")
         axes.grid(alpha=0.3)
     write_whole(path, encoded(figure))
 

@@ -107,7 +107,7 @@ def test_from_ones_own_terrain_to_a_plan(run, told, dem):
         f"dataset dem.npz -o train --size 64 {split} --maps 12",
         f"dataset dem.npz -o val --held-out --size 64 {split} --maps 12",
         "train train --validation val -o run --steps 2 --batch 8",
-        "export run/checkpoint.pt -o fp32.onnx --name own --dataset train",
+        "export run/best.pt -o fp32.onnx --name own --dataset train",
     ):
         assert run(words).code == 0
     assert Path("run/curves.png").stat().st_size > 10_000

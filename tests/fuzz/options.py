@@ -31,12 +31,11 @@ BASES = {
         "-o in/set --maps 2 --size 64 --points 2 --workers 1",
     ),
     "train": (
-        "in/set --validation in/set -o out/run --steps 1 --batch 2 --input-size 64 "
-        "--validate-every 0",
+        "in/set --validation in/set -o out/run --steps 1 --batch 2 --input-size 64 --validations 3",
         "in/set --validation in/set -o in/trained --steps 1 --batch 2 --input-size 64 "
-        "--validate-every 0",
+        "--validations 3",
     ),
-    "export": ("in/trained/checkpoint.pt -o out/net.onnx",),
+    "export": ("in/trained/best.pt -o out/net.onnx",),
     "learn": ("in/dem.npz -o out/own --maps 2 --time-limit 0.01 --queries 1",),
     "quantize": ("in/edge64.onnx --dataset in/set -o out/int8.onnx --samples 2",),
     "evaluate": (

@@ -102,8 +102,8 @@ def make_light(folder):
 COMMANDS = (
     "dataset -o in/set --maps 2 --size 64 --points 2 --workers 1",
     "train in/set --validation in/set -o in/trained --steps 1 --input-size 64 --batch 2 "
-    "--validate-every 0",
-    "export in/trained/checkpoint.pt -o in/edge64.onnx",
+    "--validations 3",
+    "export in/trained/best.pt -o in/edge64.onnx",
     "profile --profile in/profile.toml -o in",
 )
 """They make a data set, a checkpoint, a trained model and a report."""

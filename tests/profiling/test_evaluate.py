@@ -135,6 +135,15 @@ def test_limits_and_weight_of_ones_own_are_taken(nnpp_edge, terrain):
     judged(*own).refused("leave out --limit")
 
 
+def test_a_held_out_stripe_is_evaluated_alone(nnpp_edge, terrain):
+    """Its size decides, and the error says which sizes fit."""
+    words = ("evaluate", terrain, "--methods", "astar", "--queries", 1, "--repeats", 1)
+    held_out = (*words, "--held-out", "--validation-share", 0.25)
+    nnpp_edge(*held_out, "--sizes", 4096).refused("is the largest that fits")
+    assert nnpp_edge(*held_out, "--sizes", 16, "--json").json[0]["n"] == 1
+    nnpp_edge(*words, "--held-out").refused("go together")
+
+
 def test_terrain_without_two_passable_cells_is_refused():
     steep = np.indices((24, 24), np.float32)[0]
     dem = Dem(steep, 1.0, 1.0, None, Path("dem.npz"))

@@ -12,7 +12,7 @@ from nnpp_edge.profiling.contest import Harness
 from nnpp_edge.profiling.suites import TerrainFiles
 from nnpp_edge.reproduction import dynamic, runner
 from nnpp_edge.reproduction.episode import make_episode
-from nnpp_edge.reproduction.findings import Verdict
+from nnpp_edge.reproduction.findings import Verdict, judge_increase
 from nnpp_edge.reproduction.planners import (
     OURS,
     PLAIN,
@@ -20,6 +20,7 @@ from nnpp_edge.reproduction.planners import (
     PLANNERS,
     OneMap,
 )
+from nnpp_edge.reproduction.rows import Rows
 from nnpp_edge.reproduction.runner import EXPERIMENTS, reproduce
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.terrain.synthetic import synthetic_terrain
@@ -105,12 +106,30 @@ def test_findings_stand_on_the_page_under_their_verdicts(made, name):
         Verdict.AGREES: "## What agrees",
         Verdict.BETTER: "## What is better",
         Verdict.DIFFERS: "## What does not agree",
+        Verdict.TOO_FEW: "## What too few queries were made for",
     }
     assert stored[name].findings
     for finding in stored[name].findings:
         part = page.partition(heads[finding.verdict])[2].partition("\n## ")[0]
         assert finding.claim in part
         assert finding.ours in part
+
+
+def test_too_few_queries_for_a_verdict_are_said_to_be_too_few_with_an_interval():
+    """Five queries, of which one has most of the cost: without it the claim holds."""
+
+    def found(increases):
+        rows = Rows(
+            {"planner": "nnpp", "map": at, "cc": 1.0 + share, "exact_cc": 1.0}
+            for at, share in enumerate(increases)
+        )
+        return judge_increase("CC", 0.03, rows, "nnpp")
+
+    few = found([0.01, 0.01, 0.01, 0.01, 0.15])
+    assert few.verdict is Verdict.TOO_FEW
+    assert few.ours == "3.80 % (1.00 % to 9.40 %)"
+    assert found([0.01] * 5).verdict is Verdict.BETTER
+    assert found([0.2] * 5).verdict is Verdict.DIFFERS
 
 
 @pytest.mark.parametrize("name", TINY)

@@ -54,9 +54,11 @@ def trained(samples, tmp_path_factory):
     `onnx`.
     """
     folder = tmp_path_factory.mktemp("run")
-    settings = TrainSettings(batch=16, warmup_steps=5, learning_rate=1e-2, average_decay=0.9)
+    settings = TrainSettings(
+        batch=16, warmup_steps=5, learning_rate=1e-2, average_decay=0.9, validations=1
+    )
     for epochs in VALIDATED_AFTER:
         until = replace(settings, epochs=epochs)
-        path = train(SMALL, until, samples, samples.pick(range(24)), folder, omega=RECIPE.omega)
-    export_network(load_checkpoint(path).trained(), folder / "small.onnx", name="small")
+        best = train(SMALL, until, samples, samples.pick(range(24)), folder, omega=RECIPE.omega)
+    export_network(load_checkpoint(best).trained(), folder / "small.onnx", name="small")
     return SimpleNamespace(folder=folder, onnx=folder / "small.onnx")

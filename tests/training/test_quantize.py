@@ -4,7 +4,6 @@ import dataclasses
 import json
 import re
 from collections import Counter
-from functools import partial
 
 import numpy as np
 import onnx
@@ -162,8 +161,11 @@ def test_queries_to_judge_on_lie_on_other_maps(samples):
 def test_a_model_agrees_with_itself_and_is_judged_as_the_validator_does(fp32, samples):
     model = NetworkModel(fp32)
     validator = Validator(samples, SMALL, RECIPE.omega)
-    judge = partial(validator.judge_answers, factor=0.5)
-    found = compare(model, model, samples.pick(validator.index), judge)
+
+    def judge(found):
+        return validator.judge_answers(found, [0.5])[0]
+
+    found = compare(model, model, validator.shown, judge)
     assert (found.mean_difference, found.max_difference) == (0.0, 0.0)
     assert found.queries == len(validator.index)
     assert found.fp32 == found.int8 == judge(answers(model, samples)[validator.index])

@@ -22,28 +22,30 @@ from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError, ModelError
 from nnpp_edge.runtime.network.model_file import UNSEEN
 from nnpp_edge.terrain.dataset import read_samples
 from nnpp_edge.training.batches import Batches
-from nnpp_edge.training.checkpoint import load_checkpoint
+from nnpp_edge.training.checkpoint import Checkpoint, Progress, load_checkpoint
 from nnpp_edge.training.train import Processes, TrainSettings, train
-from nnpp_edge.training.validation import Validator
+from nnpp_edge.training.validation import Judgement, Validator
 from tests.training.conftest import RECIPE, SMALL, VALIDATED_AFTER, enlarged
 
 ROOT = Path(__file__).parent.parent.parent
-RUN = ("begin_with", "small_checkpoints", "pause_after_s")
+RUN = ("begin_with", "small_checkpoints", "pause_after_s", "judged_on")
 
 
 def run(samples, folder, spec=SMALL, **changes):
-    """Train on the samples and validate on the first four; the checkpoint."""
+    """Train on the samples and validate on the first four; the last checkpoint."""
     options = {name: changes.pop(name) for name in RUN if name in changes}
-    settings = TrainSettings(**({"epochs": 1, "batch": 16, "warmup_steps": 5} | changes))
-    few = samples.pick(range(4))
-    path = train(spec, settings, samples, few, folder, omega=RECIPE.omega, **options)
-    return load_checkpoint(path)
+    usual = {"epochs": 1, "batch": 16, "warmup_steps": 5, "validations": 1}
+    settings = TrainSettings(**(usual | changes))
+    few = options.pop("judged_on", None) or samples.pick(range(4))
+    train(spec, settings, samples, few, folder, omega=RECIPE.omega, **options)
+    return load_checkpoint(folder / "last.pt")
 
 
 def test_the_loss_falls_and_validation_searches(trained):
     history = json.loads((trained.folder / "history.json").read_text())
-    saved = load_checkpoint(trained.folder / "checkpoint.pt")
-    assert history[-1]["loss"] < 0.8 * history[0]["loss"]
+    saved = load_checkpoint(trained.folder / "last.pt")
+    assert "loss" not in history[0]
+    assert history[-1]["loss"] < 0.8 * history[1]["loss"]
     assert 0.0 <= history[-1]["gap@0.25"] < 0.2
     assert history[-1]["region_share@1"] < history[-1]["region_share@0.25"]
     assert saved.progress.epoch == VALIDATED_AFTER[-1]
@@ -72,7 +74,7 @@ def test_a_stopped_run_goes_on_where_it_was(samples, tmp_path):
     first = run(samples, tmp_path, epochs=1).progress
     second = run(samples, tmp_path, epochs=2).progress
     assert second.step == 2 * first.step
-    assert len(second.history) == 2
+    assert len(second.history) == 3  # before, and after each
     with pytest.raises(ModelError, match="wanted a checkpoint of"):
         run(samples, tmp_path, replace(SMALL, sigma=0.1))
 
@@ -83,14 +85,14 @@ def test_a_paused_run_goes_on_from_a_small_checkpoint(samples, tmp_path):
     whole = run(samples, tmp_path / "whole")
     paused = run(samples, small, small_checkpoints=True, pause_after_s=0.0)
     assert paused.progress.step == 0
-    sizes = [(folder / "checkpoint.pt").stat().st_size for folder in (small, tmp_path / "whole")]
+    sizes = [(folder / "last.pt").stat().st_size for folder in (small, tmp_path / "whole")]
     assert sizes[0] < 0.25 * sizes[1]
     for name, values in paused.network.items():
         assert torch.equal(values, paused.average[name])
     resumed = run(samples, small, small_checkpoints=True)
     assert resumed.progress.step == whole.progress.step > 5
     assert resumed.origin["resumed_without_optimiser"]
-    assert len(resumed.progress.history) == 1
+    assert len(resumed.progress.history) == 2
 
 
 @pytest.mark.parametrize("greatest", [255, 200], ids=["impassable cells", "averaged ones"])
@@ -103,7 +105,7 @@ def test_every_validation_query_is_searched_on_the_map_as_it_is_held(samples, gr
     held = enlarged(scaled, 128)
     validator = Validator(held, SMALL, RECIPE.omega, 12)
     everywhere = np.ones((12, SMALL.blocks, SMALL.blocks), np.float32)
-    found = validator.judge_answers(everywhere, 1.0)
+    (found,) = validator.judge_answers(everywhere, [1.0])
     assert (found.success, found.gap, found.region_share) == (1.0, 0.0, 1.0)
     cells = [cells for _, cells in validator.optima]
     assert found.mm == pytest.approx(np.mean(cells) / 128**2)
@@ -118,7 +120,7 @@ def test_validation_maps_that_cannot_be_averaged_are_refused(samples):
 def test_a_run_may_begin_with_anothers_weights_and_keeps_what_it_began_with(
     samples, trained, tmp_path
 ):
-    begin_with = trained.folder / "checkpoint.pt"
+    begin_with = trained.folder / "last.pt"
     theirs = load_checkpoint(begin_with)
     unmoved = {"learning_rate": 1e-12, "weight_decay": 0.0}
     ours = run(samples, tmp_path, begin_with=begin_with, steps=1, **unmoved)
@@ -134,10 +136,39 @@ def test_a_run_may_begin_with_anothers_weights_and_keeps_what_it_began_with(
     assert facts["begun_with"] == theirs.facts()
 
 
+@pytest.fixture
+def worsening(monkeypatch):
+    """Validations find the second weights best, and ever worse ones after them."""
+    scores = itertools.chain([0.5, 0.1], itertools.count(0.2, 0.1))
+
+    def judge(*_):
+        return [Judgement(0.5, 1.0, 0.0, 0.1, 0.1, next(scores))]
+
+    monkeypatch.setattr(Validator, "judge", judge)
+
+
+def test_the_best_weights_are_kept_and_a_training_that_gets_worse_says_so(
+    samples, tmp_path, worsening
+):
+    last = run(samples, tmp_path, steps=8, validations=8, learning_rate=1e-2)
+    best = load_checkpoint(tmp_path / "best.pt")
+    assert (best.progress.step, last.progress.step) == (1, 8)
+    assert best.facts()["of_steps"] == 8
+    assert any(not torch.equal(best.average[name], last.average[name]) for name in last.average)
+    assert "got worse since step 1 of 8" in last.progress.warning()
+    assert last.progress.history[-1]["loss"] < last.progress.history[1]["loss"]
+
+
+def test_a_training_ends_early_where_that_is_asked_for(samples, tmp_path, worsening):
+    ended = run(samples, tmp_path, steps=8, validations=8, patience=2).progress
+    assert (ended.step, ended.steps) == (3, 8)
+    assert run(samples, tmp_path, steps=8, validations=8, patience=2).progress.step == 3
+
+
 def test_weights_of_another_network_are_refused(samples, trained, tmp_path):
     narrow = Spec("edge", 64, options={"widths": (8, 8, 8, 8), "stem": 8})
     with pytest.raises(ModelError, match="wanted weights for"):
-        run(samples, tmp_path, narrow, begin_with=trained.folder / "checkpoint.pt")
+        run(samples, tmp_path, narrow, begin_with=trained.folder / "last.pt")
 
 
 @pytest.fixture
@@ -171,7 +202,7 @@ def test_a_training_limited_by_time_is_repeated_by_its_number_of_steps(
 @pytest.fixture
 def saved(trained):
     """The content of a checkpoint."""
-    return torch.load(trained.folder / "checkpoint.pt", weights_only=True)
+    return torch.load(trained.folder / "last.pt", weights_only=True)
 
 
 def test_a_checkpoint_of_another_time_is_read(saved, tmp_path):
@@ -198,7 +229,8 @@ def test_a_file_that_is_no_checkpoint_is_refused(tmp_path, content):
 def test_batches_turn_map_query_and_target_together(samples):
     batches = Batches(samples, SMALL, TrainSettings(batch=16))
     seen = set()
-    for planes, query, target in batches.epoch(0):
+    for batch in batches.epoch(0):
+        planes, query, target = (each.numpy() for each in batch)
         assert planes.shape == (16, 2, 64, 64)
         assert query.shape == (16, 15, 8, 8)
         assert target.shape == (16, 16, 16)
@@ -213,7 +245,7 @@ def test_batches_turn_map_query_and_target_together(samples):
 
 def test_the_papers_targets_are_the_blocks_of_the_path(samples):
     batches = Batches(samples, SMALL, TrainSettings(batch=16, target="path"))
-    _, _, target = next(batches.epoch(0))
+    target = next(batches.epoch(0))[2].numpy()
     assert set(np.unique(target)) == {0.0, 1.0}
     assert target.sum(axis=(1, 2)).min() >= 2
     assert target.mean() < 0.2
@@ -250,8 +282,8 @@ def losses(dataset, folder, **changes):
     torch.set_num_threads(1)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(torch.nn.BatchNorm2d, "forward", norm_of_one_sample)
-        saved = run(read_samples(dataset), folder, epochs=2, validate_every_s=0.0, **changes)
-    return np.array([row["loss"] for row in saved.progress.history])
+        saved = run(read_samples(dataset), folder, epochs=2, validations=1000, **changes)
+    return np.array([row["loss"] for row in saved.progress.history[1:]])
 
 
 @pytest.mark.slow
@@ -275,7 +307,7 @@ def test_two_processes_under_torchrun_learn_as_one_does(dataset, tmp_path):
     history = json.loads((tmp_path / "two" / "history.json").read_text())
     one = losses(dataset, tmp_path / "one")
     assert len(one) > 10
-    np.testing.assert_allclose([row["loss"] for row in history], one, rtol=1e-4)
+    np.testing.assert_allclose([row["loss"] for row in history[1:]], one, rtol=1e-4)
     other = losses(dataset, tmp_path / "other", seed=2)
     assert np.abs(other / one - 1.0).max() > 0.1
 
@@ -287,10 +319,14 @@ def test_a_batch_that_cannot_be_shared_out_is_refused(samples, tmp_path, monkeyp
 
 
 def test_only_the_first_process_prints_and_draws(nnpp_edge, dataset, tmp_path, monkeypatch):
-    checkpoint = tmp_path / "checkpoint.pt"
-    monkeypatch.setattr("nnpp_edge.training.train.train", lambda *_, **__: checkpoint)
+    best = tmp_path / "best.pt"
+    monkeypatch.setattr("nnpp_edge.training.train.train", lambda *_, **__: best)
     monkeypatch.setattr("nnpp_edge.terrain.dataset.read_samples", lambda *_, **__: None)
-    (tmp_path / "history.json").write_text('[{"step": 1, "spent_s": 1.0, "loss": 0.5}]')
+    weights = Network(SMALL).state_dict()
+    history = [{"step": 1, "spent_s": 1.0, "loss": 0.5, "score": 0.1}]
+    progress = Progress(step=1, history=history)
+    saved = Checkpoint(SMALL, TrainSettings(), progress, weights, weights, {})
+    saved.save(tmp_path / "last.pt")
     words = ("train", dataset, "--validation", dataset, "-o", tmp_path, "--json")
     monkeypatch.setenv("RANK", "1")
     ended = nnpp_edge(*words)

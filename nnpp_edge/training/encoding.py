@@ -1,0 +1,133 @@
+"""The inputs of `runtime.network.encoding` and `runtime.network.unseen`, of a whole batch at once,
+on any device.
+
+The numbers are the runtime's within float32 rounding, and a test holds them to it: a network runs
+on what it was trained on.
+"""
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from nnpp_edge.model.registry import Spec
+from nnpp_edge.runtime.kernels.encoding import END_CHANNELS, ENDS_CHANNELS, GAUSSIAN_CHANNELS
+from nnpp_edge.runtime.network.model_file import QUERY_SPACING
+from nnpp_edge.runtime.tuning import SlopePrice
+
+_NUMBERS = SlopePrice()
+
+
+def query_shape(spec: Spec) -> tuple[int, int, int]:
+    """Planes, rows and columns of an encoded query."""
+    if spec.encoding == "ends":
+        side = spec.input_size // QUERY_SPACING
+        return ENDS_CHANNELS, side, side
+    return GAUSSIAN_CHANNELS, spec.input_size, spec.input_size
+
+
+def encode_queries(spec: Spec, ends: Tensor, out: Tensor) -> None:
+    """Starts and goals (N, 2, 2), rows and columns in network cells, as they are shown to a
+    network: written to `out`, (N, C, E, E) float32.
+    """
+    sigma = spec.sigma * spec.input_size
+    if spec.encoding == "ends":
+        _encode_ends(ends, spec.input_size, sigma, out)
+        return
+    cells = torch.arange(spec.input_size, device=ends.device)
+    rows, cols = torch.exp(-0.5 * ((cells - ends[..., None]) / sigma) ** 2).unbind(2)
+    torch.mul(rows[..., None], cols[..., None, :], out=out)
+
+
+def _encode_ends(ends: Tensor, side: int, sigma: float, out: Tensor) -> None:
+    """As `encode_ends`: six planes for each end, three for both."""
+    size = side // QUERY_SPACING
+    number = torch.arange(size, device=ends.device)
+    offset = (QUERY_SPACING - 1.0) / 2.0
+    # the points' own rows and columns, and the share that each has in an end: (N, 2, 2, size)
+    way = ends[..., None] - (number * QUERY_SPACING + offset)
+    place = ((ends - offset) / QUERY_SPACING).clamp(0.0, size - 1.0)
+    over_rows, over_cols = (1.0 - (number - place[..., None]).abs()).clamp_min(0.0).unbind(2)
+    down, right = way.unbind(2)
+    square = down[..., None] ** 2 + right[..., None, :] ** 2
+    distance = square.sqrt()
+    planes = [
+        over_rows[..., None] * over_cols[..., None, :],
+        (down / side)[..., None],
+        (right / side)[..., None, :],
+        distance / side,
+        torch.exp(-0.5 / sigma**2 * square),
+        torch.exp(-8.0 / sigma**2 * square),
+    ]
+    for at, plane in enumerate(planes):
+        out[:, at : 2 * END_CHANNELS : END_CHANNELS] = plane
+    # how much of a detour each point is from the straight way between the two
+    apart = (ends[:, 0] - ends[:, 1]).norm(dim=-1).clamp_min(QUERY_SPACING)[:, None, None]
+    detour = (distance.sum(1) - apart).clamp_min(0.0)
+    of_both = (torch.exp(-detour / (0.25 * apart)), detour / side, apart / side)
+    for at, plane in enumerate(of_both, 2 * END_CHANNELS):
+        out[:, at] = plane
+
+
+def encode_unseen_maps(heights: Tensor, facts: Tensor, out: Tensor) -> None:
+    """As `encode_unseen`: for mean heights (N, B, B) of square blocks, NaN where unknown, to `out`,
+    (N, 12, B, B) float32.
+
+    `facts` (N, 4) are each map's cells to a block's side, side of a cell in metres, limit of the
+    slope and hard limit in degrees.
+    """
+    factor, cell_m, limit_deg, hard_deg = facts[..., None, None].unbind(1)
+    limit = torch.deg2rad(limit_deg)
+    tangent = torch.tan(limit)
+    known = (heights == heights).float()  # NaN is no number's equal
+    height = torch.nan_to_num(heights / (factor * cell_m * tangent))
+    mean = (height * known).sum((1, 2), keepdim=True) / known.sum((1, 2), keepdim=True).clamp_min(1)
+    height = (height - mean) * known
+    layers = torch.stack((height, known), 1)
+    near, wide, far = (_mean(layers, blocks) for blocks in (3, 7, 15))
+    filled = height + near * (1.0 - known)
+    edged = functional.pad(filled, (1, 1, 1, 1), "replicate")
+    there = functional.pad(known, (1, 1, 1, 1))
+    down, step_down = _rises(edged, there)
+    across, step_across = (each.mT for each in _rises(edged.mT, there.mT))
+    slope = torch.atan((down**2 + across**2).sqrt() * tangent)
+    # a logistic function of the slope where it is limited, as in `expected_by_slope`
+    limited = hard_deg.isfinite().float()
+    over = (slope / torch.deg2rad(hard_deg) - 1.0) / (_NUMBERS.spread * (factor / 8.0).sqrt()) + 0.9
+    cell = cell_m * tangent / 2.0
+    planes = [
+        functional.softsign(across),
+        functional.softsign(down),
+        functional.softsign(4.0 * (height - near)),
+        functional.softsign(2.0 * (near - wide)),
+        functional.softsign(wide - far),
+        (slope / limit).clamp_max(2.0) / 2.0,
+        functional.softsign(torch.maximum(step_down, step_across)),
+        limited * torch.sigmoid(over.clamp(-30.0, 30.0)),
+        known,
+        limited,
+        factor.log2() / 4.0,
+        cell / (1.0 + cell),
+    ]
+    for at, plane in enumerate(planes):
+        torch.mul(plane, known, out=out[:, at])
+
+
+def _mean(layers: Tensor, blocks: int) -> Tensor:
+    """Mean of the known heights over blocks × blocks, of heights and whether they are known
+    (N, 2, B, B).
+    """
+    number = torch.arange(layers.shape[-1], device=layers.device)
+    near = ((number[:, None] - number).abs() <= blocks // 2).float()
+    total = near @ layers @ near  # sums over rows, then columns
+    return total[:, 0] / total[:, 1].clamp_min(1e-6)
+
+
+def _rises(edged: Tensor, there: Tensor) -> tuple[Tensor, Tensor]:
+    """Mean rise from row to row over the neighbours that are there, and the greater step to one of
+    the two; of maps with a border.
+    """
+    steps = edged[:, :, 1:-1].diff(dim=1)
+    after = there[:, 2:, 1:-1]
+    before = there[:, :-2, 1:-1]
+    rise = (steps[:, 1:] * after + steps[:, :-1] * before) / (after + before).clamp_min(1.0)
+    return rise, torch.maximum(steps[:, 1:].abs(), steps[:, :-1].abs())

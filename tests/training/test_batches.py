@@ -1,0 +1,174 @@
+"""Batches: the runtime's encodings, positions, and the same ones from a run that goes on."""
+
+import os
+import shutil
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+import torch
+
+from nnpp_edge.model.network import encode
+from nnpp_edge.model.registry import PRESETS, Spec
+from nnpp_edge.runtime.network.model_file import UNSEEN
+from nnpp_edge.runtime.network.unseen import encode_unseen
+from nnpp_edge.terrain.dataset import GrowingSet, make_dataset, read_samples
+from nnpp_edge.terrain.known import KnownMaps
+from nnpp_edge.training import train as training
+from nnpp_edge.training.batches import POSITIONS, Batches, turned, turned_ends
+from nnpp_edge.training.checkpoint import TrainSettings, load_checkpoint
+from nnpp_edge.training.encoding import encode_queries, encode_unseen_maps, query_shape
+from tests.training.conftest import RECIPE, SMALL, enlarged
+
+APPEARS = {1: "shard-00001.npz", 4: "shard-00002.npz"}
+"""Shards of a growing set, by the step that they appear at."""
+PAPERS = Spec("nnpp", 128, options={"width": 2})
+
+
+@pytest.fixture(scope="module")
+def known():
+    """Maps known by their blocks; on one of them a corner is unknown, another has no hard limit."""
+    rng = np.random.default_rng(5)
+    count = 40
+    heights = rng.normal(0.0, 30.0, (count, 16, 16)).astype(np.float32)
+    heights[3, :5, :7] = np.nan
+    facts = np.full((3, count), [[2.0], [25.0], [20.0]], np.float32)
+    facts[2, 1] = np.inf
+    answers = rng.integers(255, size=(count, 3, 16, 16), dtype=np.uint8)
+    return KnownMaps(heights, answers, np.full(count, 4, np.int32), *facts)
+
+
+@pytest.fixture(params=["edge", "nnpp", "unseen"])
+def batches(request, samples, known):
+    """Batches of each architecture, and the settings."""
+    settings = TrainSettings(batch=8, seed=4)
+    if request.param == "unseen":
+        return Batches(known, Spec("unseen", 16), settings)
+    if request.param == "nnpp":
+        return Batches(enlarged(samples, 128), PAPERS, settings)
+    return Batches(samples, SMALL, settings)
+
+
+def alike(one, other):
+    return all(torch.equal(*each) for each in zip(one, other, strict=True))
+
+
+@pytest.mark.parametrize("name", ["edge", "nnpp"])
+def test_queries_are_encoded_as_at_run_time(name):
+    spec = PRESETS[name]
+    last = spec.input_size - 1
+    ends = np.random.default_rng(2).uniform(0, last, (9, 2, 2)).astype(np.float32)
+    found = torch.empty(9, *query_shape(spec))
+    encode_queries(spec, torch.from_numpy(ends), found)
+    for own, (start, goal) in zip(found, ends.tolist(), strict=True):
+        np.testing.assert_allclose(own, encode(spec, start, goal), atol=2e-6)
+
+
+def test_coarse_maps_are_encoded_as_at_run_time(known):
+    sides = (known.factor, known.cell_size_m, known.slope_limit_deg, known.hard_slope_deg)
+    facts = np.stack(sides).astype(np.float32)
+    found = torch.empty(len(known), len(UNSEEN), 16, 16)
+    encode_unseen_maps(torch.from_numpy(known.heights), torch.from_numpy(facts.T), found)
+    wanted = np.empty(found.shape[1:], np.float32)
+    for at in range(5):
+        factor, side_m = known.blocks(at)
+        encode_unseen(known.heights[at], known.limits(at), (side_m, side_m), factor, wanted)
+        np.testing.assert_allclose(found[at], wanted, atol=2e-5)
+
+
+@pytest.mark.parametrize("turn", range(POSITIONS))
+def test_a_position_turns_map_ends_and_labels_alike(turn):
+    """A mark in the map, one in the labels of half the resolution, and the end at the mark."""
+    cells = torch.zeros(1, 8, 8)
+    cells[0, 2, 7] = 1.0
+    labels = torch.zeros(1, 4, 4)
+    labels[0, 1, 3] = 1.0
+    ends = np.array([[[2.0, 7.0], [0.0, 0.0]]], np.float32)
+    row, col = turned_ends(ends, np.array([turn]), 8)[0, 0].astype(int).tolist()
+    assert turned(cells, turn)[0, row, col] == 1.0
+    assert turned(labels, turn)[0, row // 2, col // 2] == 1.0
+
+
+def test_the_eight_positions_differ():
+    cells = torch.arange(9).reshape(3, 3)
+    assert len({tuple(turned(cells, turn).ravel().tolist()) for turn in range(POSITIONS)}) == 8
+
+
+def test_the_rest_of_an_epoch_is_that_of_the_whole(batches):
+    whole = list(batches.epoch(2))
+    assert len(whole) == len(batches) > 4
+    for skip in (1, 4):
+        rest = list(batches.epoch(2, skip))
+        assert len(rest) == len(whole) - skip
+        assert all(map(alike, rest, whole[skip:]))
+    assert not alike(next(batches.epoch(3)), whole[0])
+
+
+def test_samples_added_are_those_read_at_once(samples):
+    settings = TrainSettings(batch=8)
+    half = len(samples) // 2
+    grown = Batches(samples.pick(range(half)), SMALL, settings)
+    grown.extend(samples.pick(range(half, len(samples))))
+    whole = Batches(samples, SMALL, settings)
+    assert all(map(alike, grown.epoch(0), whole.epoch(0)))
+
+
+@pytest.fixture(scope="module")
+def shards(tmp_path_factory):
+    """A data set of three shards."""
+    folder = tmp_path_factory.mktemp("shards") / "set"
+    make_dataset(msgspec.structs.replace(RECIPE, maps=12, maps_per_shard=4), folder, workers=1)
+    return folder
+
+
+def planes_of_a_run(monkeypatch, source, judged_on, folder, pauses):
+    """The planes of all steps on a set whose second and third shards appear within an epoch, in
+    calls that end after these numbers of steps.
+    """
+    set_of = folder / "set"
+    set_of.mkdir(parents=True)
+    shutil.copy(source / "dataset.json", set_of)
+    seen = []
+    step = training._Run.step
+
+    def recorded(run, batch):
+        if run.progress.step in APPEARS:
+            shutil.copy(source / APPEARS[run.progress.step], set_of)
+        seen.append(batch[0].clone())
+        step(run, batch)
+
+    monkeypatch.setattr(training._Run, "step", recorded)
+    shutil.copy(source / "shard-00000.npz", set_of)
+    for steps in pauses:
+        settings = TrainSettings(batch=8, steps=steps, validations=1, warmup_steps=1)
+        with GrowingSet(set_of, size=64) as growing:
+            training.train(SMALL, settings, growing, judged_on, folder / "run", omega=0.011)
+    return seen
+
+
+def test_a_resumed_run_on_a_growing_set_sees_the_batches_of_an_unbroken_one(
+    monkeypatch, samples, shards, tmp_path
+):
+    few = samples.pick(range(2))
+    with monkeypatch.context() as patch:
+        whole = planes_of_a_run(patch, shards, few, tmp_path / "whole", [9])
+    with monkeypatch.context() as patch:
+        parts = planes_of_a_run(patch, shards, few, tmp_path / "parts", [2, 5, 9])
+    assert len(whole) == len(parts) == 9
+    assert all(map(torch.equal, whole, parts))
+    assert load_checkpoint(tmp_path / "parts" / "run" / "last.pt").progress.shards > 1
+
+
+def test_missing_shards_are_made_while_a_set_is_read(shards, tmp_path):
+    folder = tmp_path / "set"
+    folder.mkdir()
+    for name in ("dataset.json", "shard-00000.npz"):
+        shutil.copy(shards / name, folder)
+    with GrowingSet(folder, make=True) as growing:
+        first = growing.read(growing.ready())
+        while growing.growing():
+            os.sched_yield()
+        rest = growing.read(growing.ready())
+    whole = read_samples(Path(shards))
+    np.testing.assert_array_equal(np.concatenate([first.excess, rest.excess]), whole.excess)
