@@ -14,6 +14,7 @@ from nnpp_edge.runtime.planners.standing_path import Rest
 from nnpp_edge.runtime.robots.body.search import KeptField
 from nnpp_edge.runtime.search.astar import Query, Search
 from nnpp_edge.runtime.tuning import (
+    AGAIN_EXPANSIONS,
     IN_VAIN,
     JOIN_AHEAD,
     JOIN_BEHIND,
@@ -72,6 +73,9 @@ class ArcCorridor:
         """
         promised = self._kept.cost_from(query.start, query.goal)
         if promised == math.inf:
+            work.expansions += self._kept.refill(query)
+            promised = self._kept.cost_from(query.start, query.goal)
+        if promised == math.inf:
             return None
         ahead = min(max(JOIN_AHEAD, rest.clear + JOIN_BEHIND), len(rest.states) - 1)
         search = work.searched(self._kept.search(query, rest.states[ahead], JOIN_EXPANSIONS))
@@ -89,7 +93,7 @@ class ArcCorridor:
         """A good path by the costs to go that are kept; None without one."""
         if self._kept.cost_from(query.start, query.goal) == math.inf:
             return None
-        search = work.searched(self._kept.search(query))
+        search = work.searched(self._kept.search(query, limit=AGAIN_EXPANSIONS))
         if search.status is not Status.OK:
             return None
         found = Found.of(self._grid, search, Source.REGION, None, work)
@@ -123,7 +127,7 @@ class ArcCorridor:
 
     def _keep(self, query: Query, found: Found) -> None:
         if self._repeated:
-            self._kept.keep(query.goal, found.region, found.search, found.cost)
+            self._kept.keep(query, found.region, found.search, found.cost)
 
 
 def _doubtful(found: Found) -> bool:

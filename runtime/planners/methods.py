@@ -20,6 +20,7 @@ from nnpp_edge.runtime.planners.searchers import (
 )
 from nnpp_edge.runtime.search.astar import Query
 from nnpp_edge.runtime.tuning import (
+    ARC_CORRIDOR_TO_HEADING,
     BRIEF_EXPANSIONS,
     FAR,
     LARGE_MAP,
@@ -27,6 +28,7 @@ from nnpp_edge.runtime.tuning import (
     NEAR,
     REFINE_FROM,
     UNSEEN_CHANGE,
+    WIDENED_ARC_CORRIDOR,
     CorridorWidth,
 )
 
@@ -227,6 +229,8 @@ class Methods:
             if by_blocks is not None and by_blocks.suffices(query):
                 return by_blocks
         self.state.pyramid_by(query.deadline)
+        if self.arcs is not None and query.wanted is not None:
+            widths = widths or (ARC_CORRIDOR_TO_HEADING, WIDENED_ARC_CORRIDOR)
         corridors = self.descent.corridors(query, work, searcher or self.astar, widths)
         if self.arcs is not None:
             return self.arcs.find(query, work, corridors)

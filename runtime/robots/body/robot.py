@@ -24,6 +24,7 @@ from nnpp_edge.runtime.tuning import (
     ARC_CORRIDOR,
     BODY_CORRIDOR,
     BODY_WEIGHT,
+    MOST_ARC_CORRECTIONS,
     MOST_CORRECTIONS,
     WIDENED_ARC_CORRIDOR,
     WIDENED_BODY_CORRIDOR,
@@ -205,7 +206,7 @@ class ArcRobot(BodyRobot):
 
     columns = 3
     drives_arcs = True
-    corridor_tries = 1
+    corridor_tries = MOST_ARC_CORRECTIONS
     symmetric = False
     corridors = ARC_CORRIDOR, WIDENED_ARC_CORRIDOR
 
