@@ -169,10 +169,9 @@ wider one is; with arcs their states show where no way leads on. Without correct
 plans needed the wider region or the whole map (256², 303 ms for 196 at most), with them 2.
 """
 MOST_FIELDS_IN_VAIN = 1.0
-"""Expansions of fields that did not reach the start, by the square of the cells from start to goal,
-from which on links are no longer corrected by them: without this a corridor took 2.3 times the
-expansions of exact search to find that there is no path, with it 1.24; with 0.5 the p95 of first
-plans among many small rocks was 117 ms for 49."""
+"""Expansions of fields from a goal with a heading that did not reach the start, by the square of
+the cells between, from which on links are no longer corrected by them: without this a corridor took
+2.3 times the expansions of exact search to find that there is no path, with it 1.24."""
 REFINE_FROM = 192
 """Cells of a map's longer side from which on a learned region is searched coarsely first."""
 WIDENED_THRESHOLD, WIDENED_BLOCKS = 0.25, 1

@@ -78,7 +78,7 @@ class ArcCorridor:
         if promised == math.inf:
             return None
         ahead = min(max(JOIN_AHEAD, rest.clear + JOIN_BEHIND), len(rest.states) - 1)
-        search = work.searched(self._kept.search(query, rest.states[ahead], JOIN_EXPANSIONS))
+        search = work.searched(self._kept.search(query, rest.states[ahead], limit=JOIN_EXPANSIONS))
         way = rest.states
         if search.status is Status.OK:
             way = np.concatenate((search.path, rest.states[ahead + 1 :]))

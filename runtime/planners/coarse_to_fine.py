@@ -255,7 +255,7 @@ class CoarseToFine:
                     break
                 spent += search.expansions
                 dead_end = search.exhausted if search.refused_f < math.inf else None
-                by_field = dead_end is self._finest.field
+                by_field = dead_end is self._finest.field and query.wanted is not None
                 if (
                     not left
                     or dead_end is None

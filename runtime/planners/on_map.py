@@ -33,7 +33,7 @@ from nnpp_edge.runtime.options import StepOptions
 from nnpp_edge.runtime.planners.methods import Methods
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Plan, Source
 from nnpp_edge.runtime.planners.query import Found, Work, in_words, problem_with, told
-from nnpp_edge.runtime.search.astar import Query, cost_field
+from nnpp_edge.runtime.search.astar import Query, Search, cost_field
 from nnpp_edge.runtime.tuning import NEAR
 
 if TYPE_CHECKING:
@@ -271,7 +271,7 @@ class OnMap:
             found = Found.too_late(Source.MAP if wanted.whole_map else Source.REGION)
         plan = found.plan(by, work, state, checked_before, choice=choice, keep_regions=keep_regions)
         return (
-            replace(plan, reason=plan.reason + self._why_ended(query))
+            replace(plan, reason=plan.reason + self._why_ended(query, found.search))
             if plan.status is Status.NO_PATH
             else plan
         )
@@ -290,12 +290,12 @@ class OnMap:
 
         return Refiner(self._state).refined(plan, radius_m, deadline)
 
-    def _why_ended(self, query: Query) -> str:
+    def _why_ended(self, query: Query, search: Search) -> str:
         """By which limit a body gets no farther, by the search of the whole map that has just found
         no path.
         """
         grid = self._state.grid
-        memory = self._methods.astar.workspace
+        memory = search.exhausted or self._methods.astar.workspace
         why = grid.robot.why_ended(grid, query.start, query.goal, memory)
         return f"; {why}" if why else ""
 

@@ -186,16 +186,11 @@ class BodyRobot(Robot):
         return why_blocked(self.poses, cell)
 
     def why_ended(self, grid: "Grid", start: Cell, goal: Cell, memory: Workspace) -> str:
-        field = memory.field
-        if field is None:
-            return ""
-        node = grid.node(*start)
-        by_legs = bool(field.costs(slice(node, node + 1))[0] == math.inf)  # else by the turns
-        if by_legs:
-            memory = field
-        end = start if by_legs else goal
-        reached = grid.inner(memory.costs()) < math.inf
-        return why_ended(self.poses, reached, end, by_legs=by_legs)
+        by_legs = memory.states == 1
+        costs = grid.inner(memory.costs())
+        from_goal = by_legs or costs[goal] == 0.0
+        end = start if from_goal else goal
+        return why_ended(self.poses, costs < math.inf, end, by_legs=by_legs, from_goal=from_goal)
 
     def explain(self, cell: Cell, heading_deg: float) -> PoseCheck:
         return explain(self.poses, cell, heading_deg)
