@@ -2,6 +2,7 @@
 chose it.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -112,6 +113,14 @@ TURNS_IN_FIELD = 0.7
 """Share of what turns cost that the field of a body's region counts: with 1 paths lie 2.1 %
 above the optimum (1.1 % among rocks) in place of 1.1 (0.3); with 0.5 0.4 (0.3) %, for four times
 the states of the last search among rocks."""
+ARC_TURNS_IN_FIELD = ((256, 0.35), (600, 0.5), (math.inf, 0.7))
+"""That of a body that drives arcs, which cost less than turns on the spot do, up to so many cells
+from start to goal: among many small rocks (256², ends across the map) paths lie 0.7 % above the
+optimum in place of 1.9, with 0.5 1.3. From far the states of the last search grow too many."""
+CHECKED_FROM, CHECKED_SHARE = 16384, 0.125
+"""Expansions of a body's search from which on another one, from the goal, finds out whether any
+way leads there, and how many of its own it may take for each: a goal that no arc leads to took 1.28
+million expansions from the start, 34 from the goal."""
 REOPENED_WITHIN = 16384.0
 """Expansions in a body's region after which an expanded state must become cheaper by a cell of the
 cheapest ground to be expanded again; after twice as many by two. A field of cells, with turns,
@@ -128,15 +137,21 @@ is made anew.
 JOIN_AHEAD, JOIN_BEHIND, JOIN_WITHIN = 64, 16, 8
 """States ahead of the robot, and behind what is blocked, at which a new way joins the standing
 path of arcs again; and cells from the path at which a robot may be."""
-JOIN_EXPANSIONS = 4096
-"""Expansions after which the best way to that place is taken, else the path as it stood."""
+JOIN_EXPANSIONS, AGAIN_EXPANSIONS = 4096, 16384
+"""Expansions after which the best way to that place is taken, else the path as it stood; and those
+of a search to the goal by the field that is kept."""
 IN_VAIN = 16
 """Plans to a goal to which no corridor had a path of arcs that are made on the whole map at
 once: the corridors took more of a loop's time than that search (90 to 540 ms for 24 to 155),
 tick after tick."""
-ARC_CORRIDOR = CorridorWidth(6, 0.04, nearby=2.5, coarse_radius=0, coarse_band=0.0)
+ARC_CORRIDOR = CorridorWidth(6, 0.05, nearby=4.0, coarse_radius=0, coarse_band=0.0)
 """For a vehicle that drives arcs, which swing out. With a radius of 2 quarters paths of a radius
-of 2.7 bodies are 0.2 % dearer and 20 of 60 corridors are widened, not 12."""
+of 2.7 bodies are 0.2 % dearer and 20 of 60 corridors are widened, not 12. With a band of 0.04 and
+2.5 nearby paths lie 0.7 % above the optimum (p95 5.5), not 0.1 (0.2), for 5 % less time; with 0.06
+a first plan at 512² (radius 4 m) took 1.6 times as long as with 0.04, so 1.37 times."""
+ARC_CORRIDOR_TO_HEADING = CorridorWidth(6, 0.04, nearby=2.5, coarse_radius=0, coarse_band=0.0)
+"""To a goal with a heading: as wide as to others it took 1.31 times the expansions of exact search
+to find that there is no path, so 1.24."""
 WIDENED_ARC_CORRIDOR = CorridorWidth(12, 0.1, nearby=6.0, coarse_radius=0, coarse_band=0.0)
 """Where the first held no path of arcs, or a doubtful one. With a radius of 4 quarters, less room
 at a start than in the first, the whole map was searched for 10 of 148 queries on a crater's rim,
@@ -149,10 +164,15 @@ MOST_ABOVE_FIELD = 1.45
 """A path of arcs that costs more times what the legs of its region promised is looked for in a
 wider one, too.
 """
-MOST_CORRECTIONS = 3
+MOST_CORRECTIONS, MOST_ARC_CORRECTIONS = 3, 9
 """How many times a vehicle's region is searched, links corrected in between, before a
-wider one is.
+wider one is; with arcs their states show where no way leads on. Without corrections 7 of 121 first
+plans needed the wider region or the whole map (256², 303 ms for 196 at most), with them 2.
 """
+MOST_FIELDS_IN_VAIN = 1.0
+"""Expansions of fields from a goal with a heading that did not reach the start, by the square of
+the cells between, from which on links are no longer corrected by them: without this a corridor took
+2.3 times the expansions of exact search to find that there is no path, with it 1.24."""
 REFINE_FROM = 192
 """Cells of a map's longer side from which on a learned region is searched coarsely first."""
 WIDENED_THRESHOLD, WIDENED_BLOCKS = 0.25, 1

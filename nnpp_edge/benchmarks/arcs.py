@@ -5,8 +5,9 @@ python -m nnpp_edge.benchmarks.arcs TERRAIN.tif --size 512 --radius 2 --queries 
 """
 
 import json
+import math
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import islice
@@ -16,19 +17,35 @@ import click
 import numpy as np
 
 from nnpp_edge.profiling.contest import Harness
-from nnpp_edge.profiling.suites import TerrainFiles, heights_of, terrain_cases
+from nnpp_edge.profiling.suites import (
+    Case,
+    TerrainFiles,
+    heights_of,
+    large_enough,
+    terrain_cases,
+    whole_cost,
+)
 from nnpp_edge.runtime import DynamicPlanner, Plan, Planner, Vehicle
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.exercises import exercise
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.options import PlanOptions
+from nnpp_edge.terrain.dem import Dem
+from nnpp_edge.terrain.labels import random_query
+from nnpp_edge.terrain.rocks import Rocks, rock_heights
 
 BODY = Vehicle(1.5, 1.2, 0.3)
 CELL_M = 0.25
 """Side of the rescaled terrain's cells."""
 SEED = 1
 QUERIES_OF_A_MAP = 2
+SMALL_ROCKS_M, SMALL_ROCKS_PER_M2 = (0.2, 1.0), 0.06
+"""Diameters of small rocks, as many of each size as of twice that, and how many of them lie on a
+square metre.
+"""
+ACROSS = 0.7
+"""Least distance of start and goal among them, as a share of the map's side."""
 TICKS = 40
 STEP = 2
 NEAR_CELLS = 25
@@ -56,6 +73,7 @@ FIGURES: dict[str, Callable[[list[float]], np.floating]] = {
 @click.option("--radius", "radius_m", default=2.0, help="Turning radius in metres.")
 @click.option("--forwards", is_flag=True, help="The body cannot go backwards.")
 @click.option("--fixed", is_flag=True, help="Goals have headings, too.")
+@click.option("--small-rocks", is_flag=True, help="Many small rocks, ends across the map.")
 @click.option("--queries", "count", default=20, help="Number of queries that have a path.")
 def main(
     terrain: tuple[Path, ...],
@@ -63,6 +81,7 @@ def main(
     radius_m: float,
     forwards: bool,
     fixed: bool,
+    small_rocks: bool,
     count: int,
 ) -> None:
     """Plan, tick and drive between random headings: figures as JSON, milliseconds and shares by
@@ -78,7 +97,10 @@ def main(
     sources = Counter[str]()
     found = defaultdict[str, list[float]](list)
     dems = TerrainFiles(terrain, CELL_M).read()
-    cases = terrain_cases(dems, "body-rocks10", size, SEED, vehicle=BODY)
+    if small_rocks:
+        cases = _among_small_rocks(dems, size)
+    else:
+        cases = terrain_cases(dems, "body-rocks10", size, SEED, vehicle=BODY)
     drawn = ((case, query) for case in cases for query in case.queries[:QUERIES_OF_A_MAP])
     for case, (start, goal) in islice(drawn, 4 * count):
         begin, end = rng.uniform(0.0, 360.0, 2)
@@ -113,7 +135,9 @@ def main(
             cost = _driven_cost(moving, moving.replan())
             found["driven"].append(cost / exact.cost - 1.0)
             moving.move(start, begin)
-            found["tick_ms"] += _tick_times(harness, heights, moving, moving.replan(), rng)
+            ms, cost = _ticks(harness, heights, moving, moving.replan(), rng)
+            found["tick_ms"] += ms
+            found["driven_on_ticks"].append(cost / exact.cost - 1.0)
         if len(found["gap"]) == count:
             break
     if not found:
@@ -123,12 +147,35 @@ def main(
         "radius_m": radius_m,
         "forwards": forwards,
         "fixed": fixed,
+        "small_rocks": small_rocks,
         "n": len(found["gap"]),
         "solved": solved,
         "sources": sources,
         "ticks": len(found["tick_ms"]),
     }
     click.echo(json.dumps({**figures, **_summary(found)}, indent=1))
+
+
+def _among_small_rocks(dems: Sequence[Dem], size: int) -> Iterator[Case]:
+    """Crops of the terrain with rocks of many small sizes, and queries across them."""
+    rng = np.random.default_rng([SEED, size])
+    fitting = large_enough(dems, size)
+    if not fitting:
+        raise click.ClickException(f"wanted terrain of at least {size} × {size} cells")
+    while True:
+        dem = fitting[int(rng.integers(len(fitting)))]
+        sides = dem.cell_size_m, dem.cell_width_m
+        count = int(SMALL_ROCKS_PER_M2 * size**2 * math.prod(sides))
+        least, greatest = SMALL_ROCKS_M
+        diameters = least * (greatest / least) ** rng.random(count)
+        rocks = Rocks(rng.random((count, 2)) * size - 0.5, diameters)
+        heights = dem.random_square(rng, size) + rock_heights((size, size), sides, rocks)
+        heights = np.ascontiguousarray(heights)
+        ground = Ground.of_elevation(heights, sides[0], cell_width_m=sides[1], vehicle=BODY)
+        cost = whole_cost(ground)
+        drawn = [random_query(rng, cost, ACROSS * size) for _ in range(QUERIES_OF_A_MAP)]
+        queries = tuple(query for query in drawn if query is not None)
+        yield Case("small-rocks", size, cost, queries, ground)
 
 
 def _summary(found: Mapping[str, list[float]]) -> dict[str, float]:
@@ -160,18 +207,25 @@ def _driven_cost(planner: DynamicPlanner, plan: Plan) -> float:
     return driven + plan.cost
 
 
-def _tick_times(
+def _ticks(
     harness: Harness,
     heights: Float2D,
     planner: DynamicPlanner,
     plan: Plan,
     rng: np.random.Generator,
-) -> Iterator[float]:
-    """Milliseconds of the plans of a drive on which rocks appear and vanish near the robot."""
+) -> tuple[list[float], float]:
+    """Milliseconds of the plans of a drive on which rocks appear and vanish near the robot; and
+    what is driven, and left in the end, costs.
+    """
     rock = ROCK_CELLS
+    times = list[float]()
+    driven = 0.0
     for _ in range(TICKS):
         if not plan.ok or len(plan.path) <= STEP:
-            return
+            break
+        costs = np.empty(len(plan.path))
+        planner.state.grid.walk(plan.walked, 0, costs)
+        driven += costs[STEP]
         # a change near the robot, with a rock unless that would lie under it
         near = rng.integers(-NEAR_CELLS, NEAR_CELLS + 1, 2)
         corner = np.clip(plan.path[STEP] + near, 0, np.array(planner.shape) - rock)
@@ -182,7 +236,8 @@ def _tick_times(
         planner.update_elevation(row, col, patch)
         _move(planner, plan, STEP)
         seconds, plan = harness.timed(planner.replan)
-        yield 1e3 * seconds
+        times.append(1e3 * seconds)
+    return times, driven + plan.cost
 
 
 def _move(planner: DynamicPlanner, plan: Plan, steps: int) -> None:

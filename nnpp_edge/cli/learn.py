@@ -138,9 +138,7 @@ def command(
 
     chosen = ["--validation", held_out, "--time-limit", time_limit, "--seed", seed]
     steps.command("train", data, "-o", run, *chosen)
-    checkpoint = next(
-        path for name in ("best", "last") if (path := run / f"{name}.pt").exists()
-    )
+    checkpoint = next(path for name in ("best", "last") if (path := run / f"{name}.pt").exists())
     fp32, int8 = (output / f"{name}.onnx" for name in ("fp32", "int8"))
     facts = ["--name", "own", "--region-factor", REGION_FACTOR, "--dataset", data]
     steps.command("export", checkpoint, "-o", fp32, *facts)

@@ -167,20 +167,21 @@ def surround(grid, edges, links, start, found, scratch, path, width, marks, fine
 
 
 @helper
-def _was_reached(meta, stamp, rows, cols, row, col):
+def _was_reached(meta, stamp, states, rows, cols, row, col):
     """Whether a search came to any cell of the finest level below a cell of the next."""
     for i in range(FACTOR * row, min(FACTOR * row + FACTOR, rows)):
         for j in range(FACTOR * col, min(FACTOR * col + FACTOR, cols)):
-            node = (i + 1) * (cols + 2) + j + 1
-            if meta[2 * node + 1] >> STAMP_SHIFT == stamp:
-                return True
+            first = ((i + 1) * (cols + 2) + j + 1) * states
+            for state in range(first, first + states):
+                if meta[2 * state + 1] >> STAMP_SHIFT == stamp:
+                    return True
     return False
 
 
 @kernel
-def close_dead_ends(links, marks, meta, stamp, shape, came, closed):
-    """Close the links between cells of a region that a search of the map came to and those that it
-    did not: how many.
+def close_dead_ends(links, marks, meta, stamp, states, shape, came, closed):
+    """Close the links between cells of a region that a search of the map came to, until nothing was
+    left, and those that it did not: how many.
 
     Parameters
     ----------
@@ -188,8 +189,8 @@ def close_dead_ends(links, marks, meta, stamp, shape, came, closed):
         Of the first coarse level; changed.
     marks
         `Marks` of the region.
-    meta, stamp : (2 · nodes,) int32, int
-        What the search left, as in `Memory`, and its number.
+    meta, stamp, states : (2 · nodes · states,) int32, int, int
+        What the search left, as in `Memory`, its number, and the states of a node.
     shape : (rows, cols)
         Of the map.
     came : (nodes,) uint8
@@ -210,7 +211,7 @@ def close_dead_ends(links, marks, meta, stamp, shape, came, closed):
                 for j in range(2 * col, 2 * col + 2):
                     quarters += int64(marks.bitmap[i, j] == marks.stamp)
             node = (row + 1) * stride + col + 1
-            if quarters and _was_reached(meta, stamp, map_rows, map_cols, row, col):
+            if quarters and _was_reached(meta, stamp, states, map_rows, map_cols, row, col):
                 came[node] = _REACHED
             elif quarters == 4:  # into the rest of another there may be a way
                 came[node] = _APART

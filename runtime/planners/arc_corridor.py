@@ -15,6 +15,7 @@ from nnpp_edge.runtime.planners.standing_path import Rest
 from nnpp_edge.runtime.robots.body.search import KeptField
 from nnpp_edge.runtime.search.astar import Query, Search
 from nnpp_edge.runtime.tuning import (
+    AGAIN_EXPANSIONS,
     IN_VAIN,
     JOIN_AHEAD,
     JOIN_BEHIND,
@@ -74,9 +75,12 @@ class ArcCorridor:
         """
         promised = self._kept.cost_from(query)
         if promised == math.inf:
+            work.expansions += self._kept.refill(query)
+            promised = self._kept.cost_from(query)
+        if promised == math.inf:
             return None
         ahead = min(max(JOIN_AHEAD, rest.clear + JOIN_BEHIND), len(rest.states) - 1)
-        search = work.searched(self._kept.search(query, rest.states[ahead], JOIN_EXPANSIONS))
+        search = work.searched(self._kept.search(query, rest.states[ahead], limit=JOIN_EXPANSIONS))
         way = rest.states
         if search.status is Status.OK:
             way = np.concatenate((search.path, rest.states[ahead + 1 :]))
@@ -91,7 +95,7 @@ class ArcCorridor:
         """A good path by the costs to go that are kept; None without one."""
         if self._kept.cost_from(query) == math.inf:
             return None
-        search = work.searched(self._kept.search(query))
+        search = work.searched(self._kept.search(query, limit=AGAIN_EXPANSIONS))
         if search.status is not Status.OK:
             return None
         found = Found.of(self._grid, search, Source.REGION, None, work)

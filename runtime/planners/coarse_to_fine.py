@@ -19,7 +19,7 @@ from nnpp_edge.runtime.map.streamed import StreamedMap
 from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.planners.plan import Source
 from nnpp_edge.runtime.planners.query import Found, Work
-from nnpp_edge.runtime.planners.searchers import AStarSearcher, Searcher
+from nnpp_edge.runtime.planners.searchers import Searcher
 from nnpp_edge.runtime.search.astar import Query, Search, astar
 from nnpp_edge.runtime.search.landmarks import Landmarks
 from nnpp_edge.runtime.search.region import Region
@@ -29,6 +29,7 @@ from nnpp_edge.runtime.tuning import (
     LANDMARK_PATIENCE,
     LEVEL_LANDMARKS,
     MOST_CELLS_FOR_LANDMARKS,
+    MOST_FIELDS_IN_VAIN,
     CorridorWidth,
 )
 
@@ -112,13 +113,13 @@ class CoarseLevel:
         """Close the links that a search of a region of the map, of this shape, did not get across;
         whether any were.
 
-        `searched` is that search's memory. `open_dead_ends` opens them again: no more has changed
-        until then.
+        `searched` is that search's memory, of cells or of states. `open_dead_ends` opens them
+        again: no more has changed until then.
         """
         if self._closed is None:
             self._closed = np.zeros(len(self._queued), np.uint8)
         marks = (region.bitmap, region.stamp)  # `records.Marks`
-        reached = (searched.meta, searched.stamp, shape)
+        reached = (searched.meta, searched.stamp, searched.states, shape)
         links = self.level.links
         return bool(close_dead_ends(links, marks, *reached, self._queued, self._closed))
 
@@ -244,19 +245,22 @@ class CoarseToFine:
         search at full resolution.
         """
         coarse = self.coarse_levels[0]
+        spent = 0
         try:
             for left in reversed(range(self._tries)):
                 if (inside := self._descend(query, work, top, region, width)) is None:
                     break
                 search = searcher.search(query, work, inside)
-                no_way = search.status is Status.NO_PATH
-                if no_way and not self._by_poses:
+                if search.status is Status.NO_PATH and not self._by_poses:
                     break
-                no_legs = no_way and search.promised == math.inf and search.refused_f < math.inf
+                spent += search.expansions
+                dead_end = search.exhausted if search.refused_f < math.inf else None
+                by_field = dead_end is self._finest.field and query.wanted is not None
                 if (
-                    not (left and no_legs and isinstance(searcher, AStarSearcher))
-                    or self._finest.field is None
-                    or not coarse.close_dead_ends(inside, self._finest.field, self._state.shape)
+                    not left
+                    or dead_end is None
+                    or (by_field and spent > MOST_FIELDS_IN_VAIN * query.apart**2)
+                    or not coarse.close_dead_ends(inside, dead_end, self._state.shape)
                 ):
                     return Found.of(self._state.grid, search, source, inside, work)
                 work.stage_ends("coarse")

@@ -24,6 +24,7 @@ from nnpp_edge.runtime.planners.searchers import (
 )
 from nnpp_edge.runtime.search.astar import Query
 from nnpp_edge.runtime.tuning import (
+    ARC_CORRIDOR_TO_HEADING,
     BRIEF_EXPANSIONS,
     FAR,
     LARGE_MAP,
@@ -31,6 +32,7 @@ from nnpp_edge.runtime.tuning import (
     NEAR,
     REFINE_FROM,
     UNSEEN_CHANGE,
+    WIDENED_ARC_CORRIDOR,
     CorridorWidth,
 )
 
@@ -98,6 +100,8 @@ class Methods:
         self.has_poses = not state.grid.robot.learned_region
         """Whether a vehicle's poses are searched."""
         self.astar = AStarSearcher(state)
+        self.exhausted = self.astar.workspace
+        """Memory of the newest search that found no path."""
         self._model = model
         self._repeated = repeated
         self._dstar: DStarLite | None = None
@@ -198,7 +202,8 @@ class Methods:
         plan = found.plan(by, work, state, checked_before, choice=why, keep_regions=keep_regions)
         if plan.status is not Status.NO_PATH:
             return plan
-        ended = robot.why_ended(state.grid, query.start, query.goal, self.astar.workspace)
+        self.exhausted = found.search.exhausted or self.astar.workspace
+        ended = robot.why_ended(state.grid, query.start, query.goal, self.exhausted)
         return replace(plan, reason=f"{plan.reason}; {ended}") if ended else plan
 
     def ways(self, method: Method, query: Query) -> Sequence[Way]:
@@ -282,6 +287,8 @@ class Methods:
             if by_blocks is not None and by_blocks.suffices(query):
                 return by_blocks
         self.state.pyramid_by(query.deadline)
+        if self.arcs is not None and query.wanted is not None:
+            widths = widths or (ARC_CORRIDOR_TO_HEADING, WIDENED_ARC_CORRIDOR)
         corridors = self.descent.corridors(query, work, searcher or self.astar, widths)
         if self.arcs is not None:
             return self.arcs.find(query, work, corridors, self.search_map)

@@ -255,7 +255,7 @@ class Planner(OnMap):
         """Right after a `plan` from this cell with NO_PATH: the cells (H, W) to which its search
         came, and whether from the start; else from the goal.
         """
-        memory = self._methods.astar.workspace
+        memory = self._methods.exhausted
         return self._state.grid.robot.came_to(self._state.grid, as_cell(start, "start"), memory)
 
     def _planned(self, start: Cell, goal: Cell, asked: PlanOptions, work: Work) -> Plan:

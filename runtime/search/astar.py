@@ -48,7 +48,7 @@ Links = UInt8 | None
 Parts = tuple[Any, ...]
 NOWHERE = 0
 """Of the border, which is impassable: the goal of a search that is to have none."""
-_ON = -1
+ON = -1
 """In place of the node at which a search begins: go on where it stopped."""
 
 
@@ -114,6 +114,10 @@ class Search(NamedTuple):
     """Least f of a cell that was refused for lying outside the region; inf if none was."""
     promised: float = math.inf
     """Cost of a body's path as the field had it that guided the search."""
+    exhausted: Workspace | None = None
+    """Where there is no path, memory of a body's search that came to all that can be reached from
+    one end.
+    """
 
     @classmethod
     def without_path(
@@ -187,14 +191,14 @@ def run(
     limits: Limits,
 ) -> Parts:
     """The outcome of a search's kernel; the open list grows as it needs, unless it is late."""
-    if ends.start != _ON:
+    if ends.start != ON:
         workspace.next_stamp()
     while True:
         found: Parts = kernel(*before, tuple(ends), tuple(rule), workspace.packed, tuple(limits))
         code, *_ = found
         if code != FULL or time.monotonic() >= limits.until:
             return found
-        ends = ends._replace(start=_ON)
+        ends = ends._replace(start=ON)
         workspace.grow()
 
 
@@ -260,7 +264,7 @@ def _settling(
     code = PAUSED
     while code == PAUSED:
         code, *_ = run(*search, Ends(begin, NOWHERE), workspace, limits)
-        begin = _ON
+        begin = ON
         if code != EXHAUSTED:
             deadline.check()
         yield math.inf if code == EXHAUSTED else workspace.least_open

@@ -6,6 +6,7 @@ nothing that grows with the map.
 """
 
 import sys
+from functools import cached_property
 
 import numpy as np
 
@@ -65,6 +66,7 @@ class Workspace:
         self.field = Workspace(nodes) if states > 1 else None
         """Memory of a search of the nodes that goes before one of their states."""
         self.states = states
+        self._nodes = nodes
         nodes = nodes * states
         state, self._searches = _memory(2 * nodes)
         self.g: Float32s = state.view(np.float32)
@@ -122,6 +124,13 @@ class Workspace:
             self.stamp = 0
         self.stamp += 1
         return self.stamp
+
+    @cached_property
+    def from_goal(self) -> "Workspace":
+        """Memory of a search from the other end, which is to stay small: the system backs what it
+        writes to.
+        """
+        return Workspace(self._nodes, self.states)
 
     @property
     def least_open(self) -> float:

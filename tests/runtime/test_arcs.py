@@ -542,3 +542,46 @@ def test_a_path_of_arcs_is_left_where_it_is_blocked_and_joined_again(monkeypatch
     assert moving.replan().walked.tolist() == again.walked.tolist()
     moving.update_elevation(79, 150, np.full((2, 2), 2.0))
     assert moving.replan().source is Source.REGION  # blocked, and no way found by so few expansions
+
+
+@pytest.mark.parametrize("method", ["corridor", "astar"])
+def test_a_goal_that_no_arc_leads_to_is_found_out_from_there(method):
+    dem = np.zeros((150, 150))
+    dem[90:140, 90:140] = 3.0
+    dem[98:103, 100:130] = 0.0  # a street to the goal, at whose corner legs pass
+    dem[85:101, 98:103] = 0.0
+    dem[97:104, 97:104] = 0.0
+    wide = replace(CAR, turning_radius_m=2.5)
+    plan = planner(dem, wide).plan((20, 20), (100, 125), method=method)
+    assert plan.status is Status.NO_PATH and plan.expansions < 25_000  # from the start 243,000
+    assert "the search from the goal got to" in plan.reason
+
+
+def test_once_much_of_the_map_has_changed_the_costs_to_go_are_found_anew_and_the_path_is_joined():
+    dem = rocks(3, 120, 120, 0.004)
+    moving = DynamicPlanner.of_elevation(dem, CELL_M, (100, 100), vehicle=CAR)
+    moving.move((15, 15), 130.0)
+    first = moving.replan()
+    dem[90:115, 5:20] += 0.01  # 2.6 % of the map, far from the path
+    moving.update_elevation(90, 5, dem[90:115, 5:20])
+    again = moving.replan()
+    assert (first.source, again.source) == (Source.REGION, Source.STANDING)
+    exact = planner(dem).plan((15, 15), (100, 100), method="astar", start_heading_deg=130.0)
+    assert again.lower_bound <= exact.cost * (1.0 + 1e-5) and again.cost <= 1.02 * exact.cost
+
+
+def test_a_search_by_the_kept_costs_to_go_is_given_up_soon(monkeypatch):
+    limits = []
+    search_by_kept = search.KeptField.search
+    monkeypatch.setattr(
+        search.KeptField,
+        "search",
+        lambda *given, limit=None: limits.append(limit) or search_by_kept(*given, limit=limit),
+    )
+    monkeypatch.setattr(arc_corridor, "AGAIN_EXPANSIONS", 8)
+    moving = DynamicPlanner.of_elevation(np.zeros((120, 120)), CELL_M, (100, 100), vehicle=CAR)
+    for cell in (15, 15), (60, 30):  # the second far from the path
+        moving.move(cell, 130.0)
+        plan = moving.replan()
+        assert plan.ok and plan.source is Source.REGION
+    assert limits == [8]

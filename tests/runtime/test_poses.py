@@ -560,6 +560,24 @@ def test_where_no_pose_passes_the_links_are_closed_and_the_next_region_leads_aro
     )  # what D* Lite reached is not in the memory by which dead ends are found
 
 
+def test_links_are_closed_by_the_states_of_cells_as_by_cells(gaps):
+    state = Planner.of_elevation(gaps, CELL_M, vehicle=LOW, warn=False, lazy=False).state
+    nodes = len(state.grid.weights)
+    coarse = CoarseLevel(state.pyramid.levels[1])
+    everywhere = np.ones((2 * coarse.grid.rows, 2 * coarse.grid.cols), np.int32)
+    region = Region(everywhere, *state.pyramid.levels[0].quarters, 1)
+    links = []
+    for states in (1, 16):
+        memory = Workspace(nodes, states)
+        stamp = memory.next_stamp()
+        of_nodes = memory.meta.reshape(nodes, states, 2)
+        of_nodes[: nodes // 2, -1, 1] = stamp << STAMP_SHIFT  # one state of the upper half's cells
+        assert coarse.close_dead_ends(region, memory, state.shape)
+        links.append(coarse.level.links.copy())
+        coarse.open_dead_ends()
+    np.testing.assert_array_equal(*links)
+
+
 def test_closed_links_are_opened_again_and_set_no_landmarks(gaps):
     state = Planner.of_elevation(gaps, CELL_M, vehicle=LOW, warn=False, lazy=False).state
     memory = Workspace(len(state.grid.weights))

@@ -21,7 +21,7 @@ class Place(NamedTuple):
 
 
 class Frames:
-    """Takes poses to the global frame: by tf2 where it is installed, else those alone that are in it."""
+    """Takes poses to the global frame: by tf2 where it is installed, else those that are in it."""
 
     def __init__(self, node: "PlannerNode") -> None:
         self._node = node

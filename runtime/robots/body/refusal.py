@@ -47,12 +47,12 @@ def why_blocked(poses: Poses, cell: Cell) -> str:
     return f"in {headings} {_refused(poses, limit, least, '{} or more')}"
 
 
-def why_ended(poses: Poses, reached: Bool, end: Cell, *, by_legs: bool) -> str:
+def why_ended(poses: Poses, reached: Bool, end: Cell, *, by_legs: bool, from_goal: bool) -> str:
     """Where the cells (H, W) that a search reached come closest to an end, and why no closer.
 
-    `by_legs` it was one from the goal by legs alone: told is the limit that refuses most of the
-    legs near there, from cells that were reached to others that are no farther from the end, and
-    the nearest of these legs. Else it was one from the start, which lacked a turn there.
+    `by_legs` alone: told is the limit that refuses most of the legs near there, from cells that
+    were reached to others that are no farther from the end, and the nearest of these legs. Else the
+    search, of states, lacked a turn there.
     """
     rows, cols = poses.shape
     rows_away = np.arange(rows)[:, None] - end[0]
@@ -60,7 +60,7 @@ def why_ended(poses: Poses, reached: Bool, end: Cell, *, by_legs: bool) -> str:
     away = rows_away**2 + cols_away**2
     closest = row, col = divmod(int(np.where(reached, away, np.inf).argmin()), cols)
     here = (row, col, 1, 1)
-    begun, other = ("goal", "start") if by_legs else ("start", "goal")
+    begun, other = ("goal", "start") if from_goal else ("start", "goal")
     told = (
         f"the search from the {begun} got to {closest}, {apart(here, end)} cells from the {other}"
     )

@@ -24,6 +24,7 @@ from nnpp_edge.runtime.tuning import (
     ARC_CORRIDOR,
     BODY_CORRIDOR,
     BODY_WEIGHT,
+    MOST_ARC_CORRECTIONS,
     MOST_CORRECTIONS,
     WIDENED_ARC_CORRIDOR,
     WIDENED_BODY_CORRIDOR,
@@ -174,19 +175,14 @@ class BodyRobot(Robot):
         return why_blocked(self.poses, cell)
 
     def came_to(self, grid: "Grid", start: Cell, memory: Workspace) -> tuple[Bool, bool]:
-        field = memory.field
-        assert field is not None
-        node = grid.node(*start)
-        by_legs = bool(field.costs(slice(node, node + 1))[0] == math.inf)  # else by the turns
-        costs = (field if by_legs else memory).costs()
-        return np.isfinite(grid.inner(costs)), not by_legs
+        costs = grid.inner(memory.costs())
+        return np.isfinite(costs), bool(memory.states > 1 and costs[start] == 0.0)
 
     def why_ended(self, grid: "Grid", start: Cell, goal: Cell, memory: Workspace) -> str:
-        if memory.field is None:
-            return ""
         reached, from_start = self.came_to(grid, start, memory)
         end = goal if from_start else start
-        return why_ended(self.poses, reached, end, by_legs=not from_start)
+        by_legs = memory.states == 1
+        return why_ended(self.poses, reached, end, by_legs=by_legs, from_goal=not from_start)
 
     def explain(self, cell: Cell, heading_deg: float) -> PoseCheck:
         return explain(self.poses, cell, heading_deg)
@@ -197,7 +193,7 @@ class ArcRobot(BodyRobot):
 
     columns = 3
     drives_arcs = True
-    corridor_tries = 1
+    corridor_tries = MOST_ARC_CORRECTIONS
     symmetric = False
     corridors = ARC_CORRIDOR, WIDENED_ARC_CORRIDOR
 

@@ -43,6 +43,7 @@ from nnpp_edge.runtime.kernels.records import (
 )
 from nnpp_edge.runtime.search.astar import (
     NOWHERE,
+    ON,
     WITHOUT_END,
     Parts,
     Query,
@@ -56,8 +57,11 @@ from nnpp_edge.runtime.search.astar import (
 from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.tuning import (
+    ARC_TURNS_IN_FIELD,
     AROUND_GOAL,
     BUCKET_WIDTH_BY_LANDMARKS,
+    CHECKED_FROM,
+    CHECKED_SHARE,
     FIELD_KEPT,
     REOPENED_WITHIN,
     TURNS_IN_FIELD,
@@ -161,16 +165,64 @@ class LastMetres(NamedTuple):
         field.meta[2 * nodes[cheaper] + 1] = (field.stamp << STAMP_SHIFT) | onwards[cheaper]
 
 
-def spreading(grid: "Grid", states: States, workspace: Workspace, starting: Bool) -> Spreading:
-    """How costs spread from the `starting` states (S,) of a cell, guided by nothing."""
+def spreading(
+    grid: "Grid",
+    states: States,
+    workspace: Workspace,
+    starting: Bool,
+    wanted: Bool | None = None,
+    inside: Parts = kernels.NO_REGION,
+) -> Spreading:
+    """How costs spread from the `starting` states (S,) of a cell to those that are `wanted` at
+    another, guided by nothing.
+    """
     nothing = np.empty((0, 0), np.float32)
     no_field = tuple(Field(workspace.g[:0], workspace.meta[:0], 0, 0, 0, 0.0, nothing))
-    before = (*states.packed, no_field, kernels.NO_REGION)
+    before = (*states.packed, no_field, inside)
     frame = _frame(grid, workspace)
-    nowhere = np.zeros_like(starting)
+    nowhere = np.zeros_like(starting) if wanted is None else wanted
     width = bucket_width(grid)
     rule = StateRule(_UNJUDGED, width, kernels.BELOW, 0.0, frame, starting, nowhere)
     return Spreading(expand_states, before, rule)
+
+
+class FromGoal:
+    """A search from the goal, beside one from the start that takes long: is there a way at all?
+
+    A body that stands the other way round can go back wherever it can go there. Nothing guides it.
+    """
+
+    def __init__(
+        self,
+        grid: "Grid",
+        query: Query,
+        workspace: Workspace,
+        inside: Parts,
+        starting: Bool,
+        at_goal: Bool,
+    ) -> None:
+        states = grid.robot.states()
+        assert states is not None
+        self.memory = workspace.from_goal
+        self.expansions = 0
+        self.refused = math.inf
+        begun, ended = (_turned_round(each) for each in (at_goal, starting))
+        self._search = spreading(grid, states, self.memory, begun, ended, inside)
+        self._ends = Ends(grid.node(*query.goal), grid.node(*query.start))
+        self._until = query.deadline.at
+        self._done = False
+
+    def finds_none(self, most: int) -> bool:
+        """Whether there is no way, once it has gone on to so many expansions in all; not where that
+        is not known yet.
+        """
+        if self._done or most <= self.expansions:
+            return False
+        limits = Limits(most - self.expansions, self._until)
+        code, _, self.expansions, self.refused = run(*self._search, self._ends, self.memory, limits)
+        self._ends = self._ends._replace(start=ON)
+        self._done = code != PAUSED
+        return bool(code == EXHAUSTED)
 
 
 def search_states(
@@ -200,17 +252,9 @@ def search_states(
     elif last_metres is not None and last_metres.exhausted:
         return Search.without_path(Status.NO_PATH, columns=robot.columns)
     limits = Limits(limit or WITHOUT_END, query.deadline.at)
-    # what counts in the field
-    prices = states.prices
-    turns = _turns_in_field(prices, region)
-    refused_at_least = math.inf
-    if region is not None:
-        rays = prices.rays[:DIRECTION_COUNT]
-        prices = prices._replace(rays=rays, ray_fares=prices.ray_fares[:DIRECTION_COUNT])
-        refused_at_least = _octile(grid, query)
-    # where it begins
-    node, onwards = np.array([[last], [0]], np.int32)
-    seeds = Seeds(node, np.zeros(1, np.float32), onwards)
+    refused_at_least = math.inf if region is None else _octile(grid, query)
+    # where the field begins
+    seeds = _goal_alone(grid, query)
     if last_metres is not None:
         seeds = last_metres.begun
         while len(field.entries) < 4 * len(seeds.nodes):
@@ -218,21 +262,52 @@ def search_states(
         if region is not None:
             last_metres.mark(region, grid.stride)
     # fill it, from the goal to the start
-    inside = allowed(region)
-    rule = FieldRule(tuple(_best(grid)), bucket_width(grid), turns)
-    before = (states.poses, states.edges, tuple(prices), inside, tuple(seeds))
-    code, spent, refused = run(fill_field, before, rule, Ends(last, first), field, limits)
+    turns = _turns_in_field(grid, query, region)
+    code, spent, refused = _filled(grid, query, workspace, region, turns, seeds, limits)
     if last_metres is not None:
         last_metres.put_into(field)
     if code != FOUND:
         status = Status.NO_PATH if code == EXHAUSTED else Status.TIMEOUT
-        return Search.without_path(status, spent, min(refused, refused_at_least), robot.columns)
+        refused = min(refused, refused_at_least)
+        nothing = Search.without_path(status, spent, refused, robot.columns)
+        return nothing._replace(exhausted=field if code == EXHAUSTED else None)
     # search the states by it, from the start to the goal
     guide = Guide(first, float(field.g[2 * first]), turns)
-    found = _by_field(grid, query, workspace, inside, guide, limits)
+    found = _by_field(grid, query, workspace, allowed(region), guide, limits)
     if found.status is not Status.NO_PATH or found.refused_f < math.inf:
         found = found._replace(refused_f=refused_at_least)
     return found._replace(expansions=found.expansions + spent)
+
+
+def _goal_alone(grid: "Grid", query: Query) -> Seeds:
+    """A field begins at the goal."""
+    node, onwards = np.array([[grid.node(*query.goal)], [0]], np.int32)
+    return Seeds(node, np.zeros(1, np.float32), onwards)
+
+
+def _filled(
+    grid: "Grid",
+    query: Query,
+    workspace: Workspace,
+    region: Region | None,
+    turns: Float32s,
+    seeds: Seeds,
+    limits: Limits,
+) -> Parts:
+    """What filling the field of a region comes to: the code, the expansions, the least f of a cell
+    that the region refused.
+    """
+    states = grid.robot.states()
+    field = workspace.field
+    assert states is not None and field is not None
+    prices = states.prices
+    if region is not None:  # legs alone count
+        rays = prices.rays[:DIRECTION_COUNT]
+        prices = prices._replace(rays=rays, ray_fares=prices.ray_fares[:DIRECTION_COUNT])
+    rule = FieldRule(tuple(_best(grid)), bucket_width(grid), turns)
+    before = (states.poses, states.edges, tuple(prices), allowed(region), tuple(seeds))
+    ends = Ends(grid.node(*query.goal), grid.node(*query.start))
+    return run(fill_field, before, rule, ends, field, limits)
 
 
 class KeptField:
@@ -253,6 +328,7 @@ class KeptField:
         self._stamp = 0
         self._begun: Cell = (0, 0)
         self._promised = math.inf
+        self._turns = np.empty((0, DIRECTION_COUNT), np.float32)
         self.above = 1.0
         """Cost of the path that was found by it, over what it promised."""
 
@@ -260,17 +336,37 @@ class KeptField:
         """Keep the field of a search that has just found a path of this cost; at the goal itself
         there was none.
         """
-        assert self._workspace.field is not None
         if search.promised == math.inf:
             return
-        start = search.path[0, :2].tolist()
         self._goal = _goal_of(query)
         self._region = None if region is None else region.copy()
-        self._stamp = self._workspace.field.stamp
-        self._begun = (start[0], start[1])
-        self._promised = search.promised
-        self._changes = self._log.reader()
+        self._turns = _turns_in_field(self._grid, query, region)
+        self._is_new(query, search.promised)
         self.above = cost / search.promised
+
+    def refill(self, query: Query) -> int:
+        """Fill the field anew, on the map as it is, where it last led to a path to the goal: the
+        expansions.
+        """
+        field = self._workspace.field
+        if field is None or _goal_of(query) != self._goal:
+            return 0
+        limits = Limits(WITHOUT_END, query.deadline.at)
+        place = (self._workspace, self._region, self._turns)
+        code, spent, _ = _filled(self._grid, query, *place, _goal_alone(self._grid, query), limits)
+        self._goal = None
+        if code == FOUND:
+            self._goal = _goal_of(query)
+            self._is_new(query, float(field.g[2 * self._grid.node(*query.start)]))
+        return int(spent)
+
+    def _is_new(self, query: Query, promised: float) -> None:
+        """The field was filled just now, and has this cost from the start."""
+        assert self._workspace.field is not None
+        self._stamp = self._workspace.field.stamp
+        self._begun = query.start
+        self._promised = promised
+        self._changes = self._log.reader()
 
     def cost_from(self, query: Query) -> float:
         """Least cost from start to goal by the field; inf to another goal, or where it is out of
@@ -295,14 +391,11 @@ class KeptField:
         (row, col, number) on the way; at the `limit` of expansions the best path so far counts.
         """
         grid = self._grid
-        states = grid.robot.states()
-        assert states is not None
         if by_way_of is not None:
             row, col, state = by_way_of.tolist()
             wanted = np.arange(self._workspace.states) == state
             query = query._replace(goal=(row, col), wanted=wanted)
-        turns = _turns_in_field(states.prices, self._region)
-        guide = Guide(grid.node(*self._begun), self._promised, turns)
+        guide = Guide(grid.node(*self._begun), self._promised, self._turns)
         limits = Limits(limit or WITHOUT_END, query.deadline.at)
         place = (self._workspace, allowed(self._region))
         found = _by_field(grid, query, *place, guide, limits, best_so_far=limit is not None)
@@ -349,19 +442,44 @@ def _by_field(
     )
     ends = Ends(grid.node(*query.start), grid.node(*query.goal))
     before = (*states.packed, tuple(judge), inside)
-    code, length, expansions, refused = run(expand_states, before, rule, ends, workspace, limits)
+    search = Spreading(expand_states, before, rule)
+    most = limits.most if len(states.edges) else min(limits.most, CHECKED_FROM)
+    code, length, expansions, refused = run(*search, ends, workspace, limits._replace(most=most))
+    exhausted = workspace
+    checked = 0
+    if code == PAUSED and most < limits.most and not query.deadline.passed:
+        # look from the goal, too, whether any way leads there, while this goes on
+        check = FromGoal(grid, query, workspace, inside, starting, at_goal)
+        while code == PAUSED and expansions < limits.most and not query.deadline.passed:
+            if check.finds_none(int(CHECKED_SHARE * expansions)):
+                code = EXHAUSTED
+                refused = check.refused
+                exhausted = check.memory
+                break
+            ends = ends._replace(start=ON)
+            more = limits._replace(most=min(expansions, limits.most - expansions))
+            code, length, expansions, refused = run(*search, ends, workspace, more)
+        checked = check.expansions
     end = int(workspace.counts[BEST_NODE])
     trace = partial(trace_states, prices=tuple(states.prices), frame=frame)
     if code == PAUSED and best_so_far and workspace.counts[GOAL_STATE] >= 0:
         code = FOUND
         end = int(workspace.counts[GOAL_STATE])
         length = trace(workspace.meta, end, out=workspace.path)
-    found = traced(trace, workspace, code, end, length, expansions, refused)
+    found = traced(trace, workspace, code, end, length, expansions + checked, refused)
+    if code == EXHAUSTED:
+        found = found._replace(exhausted=exhausted)
     path = found.path
     if grid.robot.columns == 2:  # cells alone, of those that it turns on one
         moved = np.any(np.diff(path[:, :2], axis=0, prepend=-1), axis=1)
         path = np.ascontiguousarray(path[moved, :2])
     return found._replace(path=path, promised=guide.promised)
+
+
+def _turned_round(states: Bool) -> Bool:
+    """(S,) states in which a body stands the other way round, in any gear."""
+    directions = states.reshape(-1, DIRECTION_COUNT).any(0)
+    return np.resize(np.roll(directions, DIRECTION_COUNT // 2), len(states))
 
 
 def _may_stay(query: Query) -> bool:
@@ -385,11 +503,16 @@ def _frame(grid: "Grid", workspace: Workspace) -> Packed:
     return tuple(Frame(workspace.states.bit_length() - 1, grid.stride))
 
 
-def _turns_in_field(prices: Prices, region: Region | None) -> Float32s:
+def _turns_in_field(grid: "Grid", query: Query, region: Region | None) -> Float32s:
     """Costs of turns in the costs to go of cells; on the whole map they are free."""
+    states = grid.robot.states()
+    assert states is not None
     if region is None:
-        return prices.turns[:0]
-    turns: Float32s = np.float32(TURNS_IN_FIELD) * prices.turns
+        return states.prices.turns[:0]
+    share = TURNS_IN_FIELD
+    if grid.robot.drives_arcs:
+        share = next(share for within, share in ARC_TURNS_IN_FIELD if query.apart <= within)
+    turns: Float32s = np.float32(share) * states.prices.turns
     return turns
 
 
