@@ -39,8 +39,7 @@ def poses_of(answer: PathMessage | Plan, frame: MapFrame, goal: Place | None) ->
     body that drives arcs, the last has the goal's yaw.
     """
     poses = arc_poses(answer, frame)
-    moved = isinstance(answer, PathMessage) and answer.goal_moved
-    if len(poses) and not answer.arcs and goal is not None and not moved:
+    if len(poses) and not (answer.arcs or goal is None or getattr(answer, "goal_moved", False)):
         poses[-1, 2] = goal.yaw_rad
     return poses
 
@@ -52,12 +51,11 @@ class RosSink:
 
     name = "ros"
 
-    def __init__(self, node: "LifecycleNode", frame_id: str) -> None:
+    def __init__(self, node: "LifecycleNode") -> None:
         from rclpy.qos import DurabilityPolicy, QoSProfile
 
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._node = node
-        self._frame = MapFrame(1.0, frame_id=frame_id)
         self.newest: PathMessage | None = None
         """The newest answer."""
         self._publishers = {
@@ -93,7 +91,7 @@ class RosSink:
 
     def publish_path(self, poses: Floats) -> None:
         """Publish poses (N, 4), see `arc_poses`; none stop who follows them."""
-        content = path_message(poses[:, :3], self._now_ns, self._frame.frame_id)
+        content = path_message(poses[:, :3], self.now_ns, self._frame.frame_id)
         self._publishers["plan_gears"].publish(whole_numbers_message(poses[:, 3]))
         self._publishers["plan"].publish(content)
 
@@ -103,7 +101,8 @@ class RosSink:
             self._node.destroy_lifecycle_publisher(publisher)
 
     @property
-    def _now_ns(self) -> int:
+    def now_ns(self) -> int:
+        """By the node's clock."""
         return int(self._node.get_clock().now().nanoseconds)
 
     def _is_heard(self, topic: str) -> bool:
@@ -111,12 +110,12 @@ class RosSink:
         return found is not None and found.get_subscription_count() > 0
 
     def _publish_state(self, message: StatusMessage) -> None:
-        if "/diagnostics" in self._publishers:
+        if self._is_heard("/diagnostics"):
             self._publishers["/diagnostics"].publish(self._diagnostics(message))
         version = self._state.log.version
         if version != self._shown_version and self._is_heard("traversability"):
             self._shown_version = version
-            content = grid_message(self._state.cost(), self._frame, self._now_ns)
+            content = grid_message(self._state.cost(), self._frame, self.now_ns)
             self._publishers["traversability"].publish(content)
         if self._is_heard("footprints"):
             self._publishers["footprints"].publish(self._footprints())
@@ -132,7 +131,7 @@ class RosSink:
         answer = self.newest
         vehicle = self._state.vehicle
         if answer is not None and vehicle is not None:
-            sides = self._state.sides_m or (1.0, 1.0)
+            sides = (self._frame.resolution, self._frame.resolution)
             for outline in body_outlines(answer.path, vehicle, sides, answer.headings_deg):
                 points = self._frame.metres(outline + 0.5)
                 ends = np.repeat(points, 2, axis=0)[1:-1]  # each of its lines by both ends

@@ -3,6 +3,7 @@
 import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from nnpp_edge.runtime.loop.ladder import one_line
 from nnpp_edge.runtime.loop.messages import InvalidMessageError
 
 if TYPE_CHECKING:
@@ -21,7 +22,7 @@ class Place(NamedTuple):
 
 
 class Frames:
-    """Takes poses to the global frame: by tf2 where it is installed, else those alone that are in it."""
+    """Takes poses to the global frame: by tf2 where it is installed, else only those in it."""
 
     def __init__(self, node: "PlannerNode") -> None:
         self._node = node
@@ -50,7 +51,7 @@ class Frames:
         try:
             transform = self._buffer.lookup_transform(own, frame_id, Time())
         except Exception as error:  # tf2 has several, of a C++ library
-            raise InvalidMessageError(f"{wanted} ({' '.join(str(error).split())})") from None
+            raise InvalidMessageError(f"{wanted} ({one_line(error)})") from None
         return _place(self._transformed(pose, transform), what)
 
 

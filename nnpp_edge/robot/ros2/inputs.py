@@ -98,12 +98,9 @@ class RosSource:
     def set_goal(self, place: Place) -> None:
         """Send the loop to a place of the global frame, if there is a map."""
         self.goal = place
-        if self.frame is None or self._navigator is None:
+        if self.frame is None:
             return
-        vehicle = self._navigator.map.vehicle
-        heading = None
-        if vehicle is not None and vehicle.turning_radius_m:
-            heading = self.frame.heading_deg(place.yaw_rad)
+        heading = self.frame.heading_deg(place.yaw_rad)
         row, col = self.frame.cell(place.x, place.y)
         self._mailbox.put(Goal(row, col, heading_deg=heading), when_full="drop oldest")
 

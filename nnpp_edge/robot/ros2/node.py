@@ -72,7 +72,7 @@ class PlannerNode(LifecycleNode):
         except NnppEdgeError as error:
             self.get_logger().error(f"cannot be configured: {error}")
             return TransitionCallbackReturn.FAILURE
-        self._sink = RosSink(self, self.own.global_frame)
+        self._sink = RosSink(self)
         return super().on_configure(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -145,10 +145,11 @@ class PlannerNode(LifecycleNode):
 
     def _end(self) -> None:
         """End the loop and all that comes in."""
+        ran = self._running is not None
         self._end_loop()
         for each in self._inputs or ():
             each.close()
-        if self._inputs is not None and self._sink is not None:
+        if ran and self._sink is not None:
             self._sink.publish_path(np.empty((0, 4)))
         self._inputs = None
 

@@ -15,6 +15,7 @@ from nnpp_edge.robot.ros2.inputs import RosSource, message_type
 from nnpp_edge.ros.messages import path_message
 from nnpp_edge.runtime.arrays import Floats
 from nnpp_edge.runtime.errors import NnppEdgeError, Status
+from nnpp_edge.runtime.loop.ladder import one_line
 from nnpp_edge.runtime.loop.messages import InvalidMessageError
 from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
@@ -96,6 +97,7 @@ class Questions:
         if found is None:
             return None
         from rclpy.action import ActionServer
+        from rclpy.duration import Duration
 
         async def execute(handle: Any) -> Any:
             began = time.monotonic()
@@ -104,8 +106,7 @@ class Questions:
             given = await self._work(lambda: answer(asked), name, asked.planner_id)
             result.path = self._path(given)
             seconds = time.monotonic() - began
-            result.planning_time.sec = int(seconds)
-            result.planning_time.nanosec = int(1e9 * (seconds % 1.0))
+            result.planning_time = Duration(seconds=seconds).to_msg()
             # older ones of Nav2 have neither
             for field, value in (
                 ("error_code", getattr(found.Result, given.error, 0)),
@@ -135,10 +136,9 @@ class Questions:
             try:
                 if planner in _PLANNERS:
                     given = work()
-            except NnppEdgeError as error:  # of a pose
-                given = _Given(error="TF_ERROR", reason=str(error))
-            except Exception as error:
-                given = _Given(error="UNKNOWN", reason=repr(error))
+            except Exception as error:  # one of ours is of a pose
+                kind = "TF_ERROR" if isinstance(error, NnppEdgeError) else "UNKNOWN"
+                given = _Given(error=kind, reason=one_line(error))
             if given.error != "NONE":
                 self._node.get_logger().warning(f"{name}: {given.error}: {given.reason}")
             future.set_result(given)
@@ -151,8 +151,8 @@ class Questions:
         from nav_msgs.msg import Path
         from rclpy.serialization import deserialize_message
 
-        stamp = int(self._node.get_clock().now().nanoseconds)
-        content = path_message(given.poses[:, :3], stamp, self._node.own.global_frame)
+        frame_id = self._node.own.global_frame
+        content = path_message(given.poses[:, :3], self._sink.now_ns, frame_id)
         return deserialize_message(content, Path)
 
     # --- the loop's side, in the thread of the questions
@@ -204,16 +204,13 @@ class Questions:
             return _failed(Status.TIMEOUT, "the loop does not run, or is busy")
         frame = self._source.frame
         assert frame is not None
-        vehicle = planner.state.vehicle
-        arcs = vehicle is not None and vehicle.turning_radius_m
         legs: list[Floats] = []
         for start, goal in zip(stops[:-1], stops[1:], strict=True):
             cell = frame.cell(goal.x, goal.y)
             if not planner.state.grid.holds(cell):
                 return _failed(Status.GOAL_OUTSIDE_MAP, f"the map has {planner.shape} cells")
-            headings = [frame.heading_deg(end.yaw_rad) if arcs else None for end in (start, goal)]
-            planner.set_goal(cell, headings[1])
-            planner.move(frame.cell(start.x, start.y), headings[0])
+            planner.set_goal(cell, frame.heading_deg(goal.yaw_rad))
+            planner.move(frame.cell(start.x, start.y), frame.heading_deg(start.yaw_rad))
             plan = planner.replan(time_limit_s=max(until - time.monotonic(), _LOOK_EVERY_S))
             if not plan.ok:
                 return _failed(plan.status, plan.reason)
