@@ -186,7 +186,8 @@ def assumed(path):
         return names | {
             "message": grid_map_message(20, 30),
             "map_frame": MapFrame(0.1, -5.0, -5.0),
-            "answer": Message(path=np.array([[3, 4], [3, 5]])),
+            "answer": Message(path=np.array([[3, 4], [3, 5]]), arcs=(), waypoints=None),
+            "yaw": 0.5,
         }
     return names
 

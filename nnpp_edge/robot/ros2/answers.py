@@ -1,10 +1,11 @@
 """The loop's answers as topics. Long ones are written as bytes by NumPy, which holds nobody up."""
 
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from nnpp_edge.robot.ros2 import Ros
 from nnpp_edge.robot.ros2.frames import Place
 from nnpp_edge.robot.ros2.inputs import RosSource, message_type
 from nnpp_edge.robot.transports.mcap_log import is_rest
@@ -73,7 +74,7 @@ class RosSink:
         self._walked: Cells | None = None
         self._due = False
         self._shown_version = -1
-        self._odd: list[Any] = []
+        self._odd: list[Ros] = []
         self.newest = None
 
     def publish(self, message: Output) -> None:
@@ -83,11 +84,10 @@ class RosSink:
             self._publish_state(message)
             return
         self.newest = message
-        walked = message.walked
-        if self._due or not is_rest(walked, self._walked):
+        if self._due or not is_rest(message.walked, self._walked):
             self._due = False
             self.publish_path(poses_of(message, self._frame, self._source.goal))
-        self._walked = walked
+        self._walked = message.walked
 
     def publish_path(self, poses: Floats) -> None:
         """Publish poses (N, 4), see `arc_poses`; none stop who follows them."""
@@ -103,7 +103,7 @@ class RosSink:
     @property
     def now_ns(self) -> int:
         """By the node's clock."""
-        return int(self._node.get_clock().now().nanoseconds)
+        return self._node.get_clock().now().nanoseconds  # type: ignore[no-any-return]
 
     def _is_heard(self, topic: str) -> bool:
         found = self._publishers.get(topic)
@@ -120,7 +120,7 @@ class RosSink:
         if self._is_heard("footprints"):
             self._publishers["footprints"].publish(self._footprints())
 
-    def _footprints(self) -> Any:
+    def _footprints(self) -> Ros:
         """The vehicle's outlines along the newest path, as one marker."""
         from geometry_msgs.msg import Point
         from visualization_msgs.msg import Marker, MarkerArray
@@ -138,7 +138,7 @@ class RosSink:
                 marker.points += [Point(x=x, y=y) for x, y in ends.tolist()]
         return MarkerArray(markers=[marker])
 
-    def _diagnostics(self, message: StatusMessage) -> Any:
+    def _diagnostics(self, message: StatusMessage) -> Ros:
         """The loop's counters, and how it is: an error without a path, a warning where ticks were
         late, answers degraded or errors caught since the last one.
         """
@@ -159,7 +159,7 @@ class RosSink:
         status.values = pairs
         return DiagnosticArray(header=self._header(), status=[status])
 
-    def _header(self) -> Any:
+    def _header(self) -> Ros:
         from std_msgs.msg import Header
 
         stamp = self._node.get_clock().now().to_msg()

@@ -5,10 +5,11 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from nnpp_edge.robot.ros2 import Ros
 from nnpp_edge.robot.ros2.answers import RosSink, poses_of
 from nnpp_edge.robot.ros2.frames import Place
 from nnpp_edge.robot.ros2.inputs import RosSource, message_type
@@ -91,7 +92,7 @@ class Questions:
 
     # --- ROS' side
 
-    def _server(self, name: str, kind: str, answer: Callable[[Any], _Given]) -> Any:
+    def _server(self, name: str, kind: str, answer: Callable[[Ros], _Given]) -> Ros:
         """An action's server; None where its package is not installed."""
         found = message_type(self._node, name, f"nav2_msgs.action:{kind}")
         if found is None:
@@ -99,7 +100,7 @@ class Questions:
         from rclpy.action import ActionServer
         from rclpy.duration import Duration
 
-        async def execute(handle: Any) -> Any:
+        async def execute(handle: Ros) -> Ros:
             began = time.monotonic()
             result = found.Result()
             asked = handle.request
@@ -107,19 +108,15 @@ class Questions:
             result.path = self._path(given)
             seconds = time.monotonic() - began
             result.planning_time = Duration(seconds=seconds).to_msg()
-            # older ones of Nav2 have neither
-            for field, value in (
-                ("error_code", getattr(found.Result, given.error, 0)),
-                ("error_msg", given.reason),
-            ):
-                if hasattr(result, field):
-                    setattr(result, field, value)
+            result.error_code = getattr(found.Result, given.error, 0)
+            if hasattr(result, "error_msg"):  # older ones of Nav2 lack it
+                result.error_msg = given.reason
             (handle.succeed if given.error == "NONE" else handle.abort)()
             return result
 
         return ActionServer(self._node, found, name, execute)
 
-    async def _get_plan(self, request: Any, response: Any) -> Any:
+    async def _get_plan(self, request: Ros, response: Ros) -> Ros:
         ends = (request.start, request.goal)
         response.plan = self._path(await self._work(lambda: self._between(*ends), "get_plan"))
         return response
@@ -128,10 +125,10 @@ class Questions:
         """Do it in the thread for that, one question after another."""
         from rclpy.task import Future as RosFuture
 
-        future: Any = RosFuture(executor=self._node.executor)
+        future: Ros = RosFuture(executor=self._node.executor)
 
         def do() -> None:
-            wanted = f"wanted the planner {' or '.join(_PLANNERS[1:])}, got {planner!r}"
+            wanted = f"wanted the planner nnpp_edge or GridBased, got {planner!r}"
             given = _Given(error="INVALID_PLANNER", reason=wanted)
             try:
                 if planner in _PLANNERS:
@@ -147,7 +144,7 @@ class Questions:
         found: _Given = await future
         return found
 
-    def _path(self, given: _Given) -> Any:
+    def _path(self, given: _Given) -> Ros:
         from nav_msgs.msg import Path
         from rclpy.serialization import deserialize_message
 
@@ -157,7 +154,7 @@ class Questions:
 
     # --- the loop's side, in the thread of the questions
 
-    def _to_pose(self, request: Any) -> _Given:
+    def _to_pose(self, request: Ros) -> _Given:
         if request.use_start:
             return self._between(request.start, request.goal)
         goal = self._place(request.goal, "a goal")
@@ -175,13 +172,13 @@ class Questions:
             time.sleep(_LOOK_EVERY_S)
         return _failed(Status.TIMEOUT, "the loop has not answered in time")
 
-    def _through_poses(self, request: Any) -> _Given:
+    def _through_poses(self, request: Ros) -> _Given:
         goals = getattr(request.goals, "goals", request.goals)  # a list before ROS 2 Kilted
         if not goals:
             return _Given(error="NO_VIAPOINTS_GIVEN", reason="wanted goals, got none")
         return self._between(request.start if request.use_start else None, *goals)
 
-    def _between(self, start: Any, *goals: Any) -> _Given:
+    def _between(self, start: Ros, *goals: Ros) -> _Given:
         """A plan from a stamped pose; from the robot's own where it has no frame, or is None."""
         begin = self._source.robot
         if start is not None and start.header.frame_id:
@@ -190,7 +187,7 @@ class Questions:
             raise InvalidMessageError("wanted the robot's pose, got none yet")
         return self._planned([begin, *(self._place(goal, "a goal") for goal in goals)])
 
-    def _place(self, stamped: Any, what: str) -> Place:
+    def _place(self, stamped: Ros, what: str) -> Place:
         return self._node.frames.place(stamped.pose, stamped.header.frame_id, what)
 
     def _planned(self, stops: Sequence[Place]) -> _Given:
