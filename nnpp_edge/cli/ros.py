@@ -8,14 +8,22 @@ import click
 from nnpp_edge.cli import options
 
 _ARGUMENTS = {"nargs": -1, "type": click.UNPROCESSED}
+_ROS = (
+    "What follows are ROS' arguments: -p NAME:=VALUE, --params-file FILE, -r FROM:=TO; "
+    "docs/ros2.md has topics and parameters."
+)
 
 
 @options.command("ros", context_settings={"ignore_unknown_options": True})
-def command(arguments: Annotated[tuple[str, ...], _ARGUMENTS] = (), /) -> None:
+def command(
+    arguments: Annotated[tuple[str, ...], _ARGUMENTS] = (),
+    /,
+    *,
+    ros_args: Annotated[bool, _ROS] = False,
+) -> None:
     """Plan at a fixed rate as a ROS 2 node: maps, odometry and goals in, paths out.
 
-    It takes ROS' own arguments: --ros-args -p NAME:=VALUE, --params-file FILE, -r FROM:=TO. Topics
-    and parameters: docs/ros2.md. SIGTERM ends it after a tick with exit code 0.
+    SIGTERM ends it after a tick with exit code 0.
 
     \b
     nnpp-edge ros
@@ -23,4 +31,4 @@ def command(arguments: Annotated[tuple[str, ...], _ARGUMENTS] = (), /) -> None:
     """
     from nnpp_edge.robot.ros2.node import run
 
-    sys.exit(run(arguments))
+    sys.exit(run(["--ros-args", *arguments]))

@@ -8,7 +8,6 @@ mcap-ros2-support, which write each pose by itself.
 
 import math
 import struct
-from collections.abc import Sequence
 from typing import Self
 
 import numpy as np
@@ -95,11 +94,10 @@ def grid_message(cost: Float2D, frame: MapFrame, stamp_ns: int) -> bytes:
     return bytes(cdr.data + as_occupancy(cost).tobytes())
 
 
-def whole_numbers_message(values: Sequence[int] | Floats) -> bytes:
+def whole_numbers_message(values: Floats) -> bytes:
     """std_msgs/Int8MultiArray of one dimension."""
-    numbers = np.asarray(values).astype(np.int8)
-    cdr = _Cdr().numbers("I", 0, 0, numbers.size)  # dimensions, offset
-    return bytes(cdr.data + numbers.tobytes())
+    cdr = _Cdr().numbers("I", 0, 0, len(values))  # dimensions, offset
+    return bytes(cdr.data + values.astype(np.int8).tobytes())
 
 
 def heights_message(heights: Float2D, frame: MapFrame, stamp_ns: int) -> bytes:

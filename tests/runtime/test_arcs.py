@@ -498,6 +498,21 @@ def test_the_loop_goes_to_a_goal_with_a_heading_and_to_another_when_that_changes
     assert point.tick().outcome is Status.NO_GOAL
 
 
+def test_what_guided_plans_to_a_goal_with_a_heading_misleads_none_with_another():
+    """Costs of the last metres are kept for one heading: taken for another they cost up to 28 %."""
+    vehicle = replace(CAR, reverse_cost=2.0)
+    start, goal = (12, 14), (60, 64)
+    for seed in (12, 13):
+        dem = rocks(seed, 80, 80, 0.004)
+        moving = DynamicPlanner.of_elevation(dem, CELL_M, goal, vehicle=vehicle)
+        moving.move(start, 90.0)
+        for heading in (0.0, 180.0, None):
+            moving.set_goal(goal, heading)
+            ends = {"start_heading_deg": 90.0, "goal_heading_deg": heading}
+            fresh = planner(dem, vehicle).plan(start, goal, method="astar", **ends)
+            assert moving.replan().cost <= 1.06 * fresh.cost
+
+
 def test_a_plan_at_the_goal_leaves_no_costs_that_mislead_the_next():
     vehicle = replace(CAR, reverse_cost=2.0)
     goal = (66, 70)

@@ -1,10 +1,11 @@
 """The loop's answers as topics. Long ones are written as bytes by NumPy, which holds nobody up."""
 
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from nnpp_edge.robot.ros2 import Ros
 from nnpp_edge.robot.ros2.frames import Place
 from nnpp_edge.robot.ros2.inputs import RosSource, message_type
 from nnpp_edge.robot.transports.mcap_log import is_rest
@@ -39,8 +40,7 @@ def poses_of(answer: PathMessage | Plan, frame: MapFrame, goal: Place | None) ->
     body that drives arcs, the last has the goal's yaw.
     """
     poses = arc_poses(answer, frame)
-    moved = isinstance(answer, PathMessage) and answer.goal_moved
-    if len(poses) and not answer.arcs and goal is not None and not moved:
+    if len(poses) and not (answer.arcs or goal is None or getattr(answer, "goal_moved", False)):
         poses[-1, 2] = goal.yaw_rad
     return poses
 
@@ -52,12 +52,11 @@ class RosSink:
 
     name = "ros"
 
-    def __init__(self, node: "LifecycleNode", frame_id: str) -> None:
+    def __init__(self, node: "LifecycleNode") -> None:
         from rclpy.qos import DurabilityPolicy, QoSProfile
 
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._node = node
-        self._frame = MapFrame(1.0, frame_id=frame_id)
         self.newest: PathMessage | None = None
         """The newest answer."""
         self._publishers = {
@@ -75,7 +74,7 @@ class RosSink:
         self._walked: Cells | None = None
         self._due = False
         self._shown_version = -1
-        self._odd: list[Any] = []
+        self._odd: list[Ros] = []
         self.newest = None
 
     def publish(self, message: Output) -> None:
@@ -85,15 +84,14 @@ class RosSink:
             self._publish_state(message)
             return
         self.newest = message
-        walked = message.walked
-        if self._due or not is_rest(walked, self._walked):
+        if self._due or not is_rest(message.walked, self._walked):
             self._due = False
             self.publish_path(poses_of(message, self._frame, self._source.goal))
-        self._walked = walked
+        self._walked = message.walked
 
     def publish_path(self, poses: Floats) -> None:
         """Publish poses (N, 4), see `arc_poses`; none stop who follows them."""
-        content = path_message(poses[:, :3], self._now_ns, self._frame.frame_id)
+        content = path_message(poses[:, :3], self.now_ns, self._frame.frame_id)
         self._publishers["plan_gears"].publish(whole_numbers_message(poses[:, 3]))
         self._publishers["plan"].publish(content)
 
@@ -103,25 +101,26 @@ class RosSink:
             self._node.destroy_lifecycle_publisher(publisher)
 
     @property
-    def _now_ns(self) -> int:
-        return int(self._node.get_clock().now().nanoseconds)
+    def now_ns(self) -> int:
+        """By the node's clock."""
+        return self._node.get_clock().now().nanoseconds  # type: ignore[no-any-return]
 
     def _is_heard(self, topic: str) -> bool:
         found = self._publishers.get(topic)
         return found is not None and found.get_subscription_count() > 0
 
     def _publish_state(self, message: StatusMessage) -> None:
-        if "/diagnostics" in self._publishers:
+        if self._is_heard("/diagnostics"):
             self._publishers["/diagnostics"].publish(self._diagnostics(message))
         version = self._state.log.version
         if version != self._shown_version and self._is_heard("traversability"):
             self._shown_version = version
-            content = grid_message(self._state.cost(), self._frame, self._now_ns)
+            content = grid_message(self._state.cost(), self._frame, self.now_ns)
             self._publishers["traversability"].publish(content)
         if self._is_heard("footprints"):
             self._publishers["footprints"].publish(self._footprints())
 
-    def _footprints(self) -> Any:
+    def _footprints(self) -> Ros:
         """The vehicle's outlines along the newest path, as one marker."""
         from geometry_msgs.msg import Point
         from visualization_msgs.msg import Marker, MarkerArray
@@ -132,14 +131,14 @@ class RosSink:
         answer = self.newest
         vehicle = self._state.vehicle
         if answer is not None and vehicle is not None:
-            sides = self._state.sides_m or (1.0, 1.0)
+            sides = (self._frame.resolution, self._frame.resolution)
             for outline in body_outlines(answer.path, vehicle, sides, answer.headings_deg):
                 points = self._frame.metres(outline + 0.5)
                 ends = np.repeat(points, 2, axis=0)[1:-1]  # each of its lines by both ends
                 marker.points += [Point(x=x, y=y) for x, y in ends.tolist()]
         return MarkerArray(markers=[marker])
 
-    def _diagnostics(self, message: StatusMessage) -> Any:
+    def _diagnostics(self, message: StatusMessage) -> Ros:
         """The loop's counters, and how it is: an error without a path, a warning where ticks were
         late, answers degraded or errors caught since the last one.
         """
@@ -160,7 +159,7 @@ class RosSink:
         status.values = pairs
         return DiagnosticArray(header=self._header(), status=[status])
 
-    def _header(self) -> Any:
+    def _header(self) -> Ros:
         from std_msgs.msg import Header
 
         stamp = self._node.get_clock().now().to_msg()

@@ -1,8 +1,10 @@
 """Poses of messages in the frame that the loop plans in."""
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
+from nnpp_edge.robot.ros2 import Ros
+from nnpp_edge.runtime.loop.ladder import one_line
 from nnpp_edge.runtime.loop.messages import InvalidMessageError
 
 if TYPE_CHECKING:
@@ -21,11 +23,11 @@ class Place(NamedTuple):
 
 
 class Frames:
-    """Takes poses to the global frame: by tf2 where it is installed, else those that are in it."""
+    """Takes poses to the global frame: by tf2 where it is installed, else only those in it."""
 
     def __init__(self, node: "PlannerNode") -> None:
         self._node = node
-        self._buffer: Any = None
+        self._buffer: Ros = None
         try:
             import tf2_geometry_msgs
             import tf2_ros
@@ -35,7 +37,7 @@ class Frames:
         self._buffer = tf2_ros.Buffer()
         self._listener = tf2_ros.TransformListener(self._buffer, node)
 
-    def place(self, pose: Any, frame_id: str, what: str) -> Place:
+    def place(self, pose: Ros, frame_id: str, what: str) -> Place:
         """Of a geometry_msgs/Pose, called `what` in errors: InvalidMessageError for numbers that
         are not finite, no rotation, or a frame of which nothing is known.
         """
@@ -50,11 +52,11 @@ class Frames:
         try:
             transform = self._buffer.lookup_transform(own, frame_id, Time())
         except Exception as error:  # tf2 has several, of a C++ library
-            raise InvalidMessageError(f"{wanted} ({' '.join(str(error).split())})") from None
+            raise InvalidMessageError(f"{wanted} ({one_line(error)})") from None
         return _place(self._transformed(pose, transform), what)
 
 
-def _place(pose: Any, what: str) -> Place:
+def _place(pose: Ros, what: str) -> Place:
     at = pose.position
     turn = pose.orientation
     if not math.isfinite(at.x + at.y):

@@ -2,11 +2,13 @@
 
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pkgutil import resolve_name
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from nnpp_edge.robot.ros2 import Ros
 from nnpp_edge.robot.ros2.frames import Place
 from nnpp_edge.ros.maps import GridMap, MapFrame, OccupancyGrid, grid_map_patch, occupancy_patch
 from nnpp_edge.runtime.errors import InvalidMapError
@@ -31,7 +33,7 @@ TOPICS = {
 }
 
 
-def message_type(node: "Node", topic: str, kind: str) -> Any:
+def message_type(node: "Node", topic: str, kind: str) -> Ros:
     """A message's class; None, and a line in the log, where its package is not installed."""
     try:
         return resolve_name(kind)
@@ -98,12 +100,9 @@ class RosSource:
     def set_goal(self, place: Place) -> None:
         """Send the loop to a place of the global frame, if there is a map."""
         self.goal = place
-        if self.frame is None or self._navigator is None:
+        if self.frame is None:
             return
-        vehicle = self._navigator.map.vehicle
-        heading = None
-        if vehicle is not None and vehicle.turning_radius_m:
-            heading = self.frame.heading_deg(place.yaw_rad)
+        heading = self.frame.heading_deg(place.yaw_rad)
         row, col = self.frame.cell(place.x, place.y)
         self._mailbox.put(Goal(row, col, heading_deg=heading), when_full="drop oldest")
 
@@ -112,7 +111,7 @@ class RosSource:
         for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
 
-    def _subscribe(self) -> list[Any]:
+    def _subscribe(self) -> list[Ros]:
         from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
         newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -120,16 +119,13 @@ class RosSource:
         special = {"odom": newest, "pose": newest, "map": latched}
         made = []
         for topic, kind in TOPICS.items():
-
-            def hear(message: Any, topic: str = topic) -> None:
-                self._hear(topic, message)
-
             if found := message_type(self._node, topic, kind):
+                hear = partial(self._hear, topic)
                 qos = special.get(topic, QoSProfile(depth=10))
                 made.append(self._node.create_subscription(found, topic, hear, qos))
         return made
 
-    def _hear(self, topic: str, message: Any) -> None:
+    def _hear(self, topic: str, message: Ros) -> None:
         """Convert a message, or refuse it."""
         try:
             getattr(self, f"_on_{topic}")(message)
@@ -141,17 +137,17 @@ class RosSource:
         else:
             self.refused.pop(topic, None)
 
-    def _on_odom(self, message: Any) -> None:
+    def _on_odom(self, message: Ros) -> None:
         base = self._node.own.robot_base_frame
         child = message.child_frame_id
         if base and child not in ("", base):
             raise InvalidMessageError(f"wanted the robot's frame {base!r}, got {child!r}")
         self._on_place(message.pose.pose, message.header.frame_id)
 
-    def _on_pose(self, message: Any) -> None:
+    def _on_pose(self, message: Ros) -> None:
         self._on_place(message.pose, message.header.frame_id)
 
-    def _on_place(self, pose: Any, frame_id: str) -> None:
+    def _on_place(self, pose: Ros, frame_id: str) -> None:
         self.robot = self._node.frames.place(pose, frame_id, "a pose")
         self._came["pose"] = time.monotonic()
         self._put_pose()
@@ -163,10 +159,10 @@ class RosSource:
         heading = self.frame.heading_deg(self.robot.yaw_rad)
         self._mailbox.put(Pose(row, col, heading_deg=heading), when_full="drop oldest")
 
-    def _on_goal_pose(self, message: Any) -> None:
+    def _on_goal_pose(self, message: Ros) -> None:
         self.set_goal(self._node.frames.place(message.pose, message.header.frame_id, "a goal"))
 
-    def _on_map(self, message: Any) -> None:
+    def _on_map(self, message: Ros) -> None:
         grid = OccupancyGrid.of_message(message)
         wanted = self._node.own.global_frame
         if grid.frame.frame_id != wanted:
@@ -181,7 +177,7 @@ class RosSource:
             self._came["map"] = time.monotonic()
             self._on_grid(grid)
 
-    def _on_map_updates(self, message: Any) -> None:
+    def _on_map_updates(self, message: Ros) -> None:
         if self._grid is None:
             raise InvalidMapError("wanted a whole map before a part of it, got none yet")
         whole = self._grid.frame
@@ -199,7 +195,7 @@ class RosSource:
         assert self.frame is not None
         self._put(occupancy_patch(grid, self.frame, keep_known=not self._by_topic))
 
-    def _on_elevation_map(self, message: Any) -> None:
+    def _on_elevation_map(self, message: Ros) -> None:
         if self.frame is None or self._by_topic:
             raise InvalidMapError("wanted map_size_m or map_file for elevations, got neither")
         self._put(grid_map_patch(GridMap.of_message(message), self.frame, self._node.own.layer))

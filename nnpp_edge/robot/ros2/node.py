@@ -5,7 +5,6 @@ import threading
 import time
 from collections.abc import Sequence
 from contextlib import suppress
-from typing import Any
 
 import numpy as np
 import rclpy
@@ -15,6 +14,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.signals import SignalHandlerOptions
 
 from nnpp_edge.profiling.profile_file import OnboardLoop
+from nnpp_edge.robot.ros2 import Ros
 from nnpp_edge.robot.ros2.answers import RosSink
 from nnpp_edge.robot.ros2.frames import Frames
 from nnpp_edge.robot.ros2.grounds import Located, first_ground, ground_of
@@ -72,7 +72,7 @@ class PlannerNode(LifecycleNode):
         except NnppEdgeError as error:
             self.get_logger().error(f"cannot be configured: {error}")
             return TransitionCallbackReturn.FAILURE
-        self._sink = RosSink(self, self.own.global_frame)
+        self._sink = RosSink(self)
         return super().on_configure(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -129,11 +129,8 @@ class PlannerNode(LifecycleNode):
         thread = threading.Thread(target=loop.run, name="nnpp-edge loop", daemon=True)
         self._running = (loop, thread)
         thread.start()
-        rows, cols = navigator.map.shape
-        self.get_logger().info(
-            f"ready: {self._pace.method} at {self._pace.rate_hz:g} Hz, {rows} × {cols} cells of "
-            f"{frame.resolution:g} m in {frame.frame_id}"
-        )
+        shape = navigator.map.shape
+        self.get_logger().info(f"ready: {self._pace.rate_hz:g} Hz, a map of {shape} cells")
 
     def _end_loop(self) -> None:
         if self._running is not None and self._navigator is not None:
@@ -145,10 +142,11 @@ class PlannerNode(LifecycleNode):
 
     def _end(self) -> None:
         """End the loop and all that comes in."""
+        ran = self._running is not None
         self._end_loop()
         for each in self._inputs or ():
             each.close()
-        if self._inputs is not None and self._sink is not None:
+        if ran and self._sink is not None:
             self._sink.publish_path(np.empty((0, 4)))
         self._inputs = None
 
@@ -163,7 +161,7 @@ class PlannerNode(LifecycleNode):
         self._end_loop()
         self._begin(self._take(located))
 
-    def _follow(self, changes: list[Any]) -> None:
+    def _follow(self, changes: list[Ros]) -> None:
         """Go by what may be changed while the loop runs."""
         live = {each.name: float(each.value) for each in changes if each.name in LIVE}
         self.own = replace(self.own, **live)

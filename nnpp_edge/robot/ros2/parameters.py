@@ -1,17 +1,17 @@
 """Parameters of the node, by ROS' own means: ``--ros-args -p``, a YAML file, ``ros2 param``."""
 
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import msgspec
 from msgspec import Meta
 from msgspec.structs import asdict, fields
 
 from nnpp_edge.profiling.profile_file import OnboardLoop, Table
+from nnpp_edge.robot.ros2 import Ros
 from nnpp_edge.runtime.errors import InvalidQueryError, shown
 
 if TYPE_CHECKING:
     from rclpy.node import Node
-    from rclpy.parameter import Parameter
 
 _Seconds = Annotated[float, Meta(ge=0.0, le=1e6)]
 _Metres = Annotated[float, Meta(ge=0.0, le=1e5)]
@@ -78,7 +78,7 @@ _OF_LOOP = {
 NAMES = (*Own.__struct_fields__, *_OF_LOOP)
 
 
-def checked(values: dict[str, Any]) -> tuple[Own, OnboardLoop]:
+def checked(values: dict[str, object]) -> tuple[Own, OnboardLoop]:
     """Parameters from values as ROS has them: a whole number serves as a fraction. ParameterError
     says which makes no sense.
     """
@@ -95,7 +95,7 @@ def checked(values: dict[str, Any]) -> tuple[Own, OnboardLoop]:
     return own, loop
 
 
-def _some(values: dict[str, Any], kind: type[Table]) -> dict[str, Any]:
+def _some(values: dict[str, object], kind: type[Table]) -> dict[str, object]:
     return {name: values[name] for name in kind.__struct_fields__ if name in values}
 
 
@@ -114,7 +114,7 @@ def declare(node: "Node") -> None:
         descriptor = ParameterDescriptor(description=words + when, dynamic_typing=True)
         node.declare_parameter(name, (asdict(Own()) | _OF_LOOP)[name], descriptor)
 
-    def check(changes: "list[Parameter[Any]]") -> SetParametersResult:
+    def check(changes: list[Ros]) -> SetParametersResult:
         try:
             checked({each.name: each.value for each in changes})
         except ParameterError as error:
@@ -124,6 +124,6 @@ def declare(node: "Node") -> None:
     node.add_on_set_parameters_callback(check)
 
 
-def values_of(node: "Node") -> dict[str, Any]:
+def values_of(node: "Node") -> dict[str, object]:
     """The node's values now, unchecked."""
     return {name: node.get_parameter(name).value for name in NAMES}

@@ -5,16 +5,18 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from nnpp_edge.robot.ros2 import Ros
 from nnpp_edge.robot.ros2.answers import RosSink, poses_of
 from nnpp_edge.robot.ros2.frames import Place
 from nnpp_edge.robot.ros2.inputs import RosSource, message_type
 from nnpp_edge.ros.messages import path_message
 from nnpp_edge.runtime.arrays import Floats
 from nnpp_edge.runtime.errors import NnppEdgeError, Status
+from nnpp_edge.runtime.loop.ladder import one_line
 from nnpp_edge.runtime.loop.messages import InvalidMessageError
 from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
@@ -90,35 +92,31 @@ class Questions:
 
     # --- ROS' side
 
-    def _server(self, name: str, kind: str, answer: Callable[[Any], _Given]) -> Any:
+    def _server(self, name: str, kind: str, answer: Callable[[Ros], _Given]) -> Ros:
         """An action's server; None where its package is not installed."""
         found = message_type(self._node, name, f"nav2_msgs.action:{kind}")
         if found is None:
             return None
         from rclpy.action import ActionServer
+        from rclpy.duration import Duration
 
-        async def execute(handle: Any) -> Any:
+        async def execute(handle: Ros) -> Ros:
             began = time.monotonic()
             result = found.Result()
             asked = handle.request
             given = await self._work(lambda: answer(asked), name, asked.planner_id)
             result.path = self._path(given)
             seconds = time.monotonic() - began
-            result.planning_time.sec = int(seconds)
-            result.planning_time.nanosec = int(1e9 * (seconds % 1.0))
-            # older ones of Nav2 have neither
-            for field, value in (
-                ("error_code", getattr(found.Result, given.error, 0)),
-                ("error_msg", given.reason),
-            ):
-                if hasattr(result, field):
-                    setattr(result, field, value)
+            result.planning_time = Duration(seconds=seconds).to_msg()
+            result.error_code = getattr(found.Result, given.error, 0)
+            if hasattr(result, "error_msg"):  # older ones of Nav2 lack it
+                result.error_msg = given.reason
             (handle.succeed if given.error == "NONE" else handle.abort)()
             return result
 
         return ActionServer(self._node, found, name, execute)
 
-    async def _get_plan(self, request: Any, response: Any) -> Any:
+    async def _get_plan(self, request: Ros, response: Ros) -> Ros:
         ends = (request.start, request.goal)
         response.plan = self._path(await self._work(lambda: self._between(*ends), "get_plan"))
         return response
@@ -127,18 +125,17 @@ class Questions:
         """Do it in the thread for that, one question after another."""
         from rclpy.task import Future as RosFuture
 
-        future: Any = RosFuture(executor=self._node.executor)
+        future: Ros = RosFuture(executor=self._node.executor)
 
         def do() -> None:
-            wanted = f"wanted the planner {' or '.join(_PLANNERS[1:])}, got {planner!r}"
+            wanted = f"wanted the planner nnpp_edge or GridBased, got {planner!r}"
             given = _Given(error="INVALID_PLANNER", reason=wanted)
             try:
                 if planner in _PLANNERS:
                     given = work()
-            except NnppEdgeError as error:  # of a pose
-                given = _Given(error="TF_ERROR", reason=str(error))
-            except Exception as error:
-                given = _Given(error="UNKNOWN", reason=repr(error))
+            except Exception as error:  # one of ours is of a pose
+                kind = "TF_ERROR" if isinstance(error, NnppEdgeError) else "UNKNOWN"
+                given = _Given(error=kind, reason=one_line(error))
             if given.error != "NONE":
                 self._node.get_logger().warning(f"{name}: {given.error}: {given.reason}")
             future.set_result(given)
@@ -147,17 +144,17 @@ class Questions:
         found: _Given = await future
         return found
 
-    def _path(self, given: _Given) -> Any:
+    def _path(self, given: _Given) -> Ros:
         from nav_msgs.msg import Path
         from rclpy.serialization import deserialize_message
 
-        stamp = int(self._node.get_clock().now().nanoseconds)
-        content = path_message(given.poses[:, :3], stamp, self._node.own.global_frame)
+        frame_id = self._node.own.global_frame
+        content = path_message(given.poses[:, :3], self._sink.now_ns, frame_id)
         return deserialize_message(content, Path)
 
     # --- the loop's side, in the thread of the questions
 
-    def _to_pose(self, request: Any) -> _Given:
+    def _to_pose(self, request: Ros) -> _Given:
         if request.use_start:
             return self._between(request.start, request.goal)
         goal = self._place(request.goal, "a goal")
@@ -175,13 +172,13 @@ class Questions:
             time.sleep(_LOOK_EVERY_S)
         return _failed(Status.TIMEOUT, "the loop has not answered in time")
 
-    def _through_poses(self, request: Any) -> _Given:
+    def _through_poses(self, request: Ros) -> _Given:
         goals = getattr(request.goals, "goals", request.goals)  # a list before ROS 2 Kilted
         if not goals:
             return _Given(error="NO_VIAPOINTS_GIVEN", reason="wanted goals, got none")
         return self._between(request.start if request.use_start else None, *goals)
 
-    def _between(self, start: Any, *goals: Any) -> _Given:
+    def _between(self, start: Ros, *goals: Ros) -> _Given:
         """A plan from a stamped pose; from the robot's own where it has no frame, or is None."""
         begin = self._source.robot
         if start is not None and start.header.frame_id:
@@ -190,7 +187,7 @@ class Questions:
             raise InvalidMessageError("wanted the robot's pose, got none yet")
         return self._planned([begin, *(self._place(goal, "a goal") for goal in goals)])
 
-    def _place(self, stamped: Any, what: str) -> Place:
+    def _place(self, stamped: Ros, what: str) -> Place:
         return self._node.frames.place(stamped.pose, stamped.header.frame_id, what)
 
     def _planned(self, stops: Sequence[Place]) -> _Given:
@@ -204,16 +201,13 @@ class Questions:
             return _failed(Status.TIMEOUT, "the loop does not run, or is busy")
         frame = self._source.frame
         assert frame is not None
-        vehicle = planner.state.vehicle
-        arcs = vehicle is not None and vehicle.turning_radius_m
         legs: list[Floats] = []
         for start, goal in zip(stops[:-1], stops[1:], strict=True):
             cell = frame.cell(goal.x, goal.y)
             if not planner.state.grid.holds(cell):
                 return _failed(Status.GOAL_OUTSIDE_MAP, f"the map has {planner.shape} cells")
-            headings = [frame.heading_deg(end.yaw_rad) if arcs else None for end in (start, goal)]
-            planner.set_goal(cell, headings[1])
-            planner.move(frame.cell(start.x, start.y), headings[0])
+            planner.set_goal(cell, frame.heading_deg(goal.yaw_rad))
+            planner.move(frame.cell(start.x, start.y), frame.heading_deg(start.yaw_rad))
             plan = planner.replan(time_limit_s=max(until - time.monotonic(), _LOOK_EVERY_S))
             if not plan.ok:
                 return _failed(plan.status, plan.reason)
