@@ -129,7 +129,7 @@ def command(
     def text() -> str:
         last = history[progress.best]
         minutes = progress.spent_s / 60
-        words = f"step {last['step']} of {progress.step} in {minutes:.0f} min"
+        words = f"step {last['step']:.0f} of {progress.step} in {minutes:.0f} min"
         lines = [f"{best}: {words}, loss {shown(last.get('loss'), '.4f')}"]
         if progress.step < (progress.steps or progress.step):
             lines.append(f"  stopped before step {progress.steps}; the same command goes on")

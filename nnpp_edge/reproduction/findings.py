@@ -36,6 +36,7 @@ class Finding:
 ENOUGH = 100
 """Queries from which on a verdict needs no interval."""
 SAMPLES = 200
+_PLACE = ("scene", "size")
 _NONE = Rows()
 Rule = Callable[[Rows], bool]
 """Whether rows are as claimed."""
@@ -81,15 +82,21 @@ def judge(
 
 
 def drawn_anew(rows: Rows) -> list[Rows]:
-    """Samples of the queries, each of as many, with replacement; none of one query, or of many,
-    whose verdict does not hang on a few.
+    """Samples of the queries, as many of each scene and size, with replacement; none where one has
+    so many that a verdict does not hang on a few, or all have one.
     """
-    queries = list(rows.groups(("scene", "size", "map", "plan", "goal")).values())
-    if not 1 < len(queries) < ENOUGH:
+    places = [list(of.groups(("map", "goal")).values()) for of in rows.groups(_PLACE).values()]
+    counts = [len(queries) for queries in places]
+    if not 1 < max(counts, default=0) < ENOUGH:
         return []
     rng = np.random.default_rng(1)
     return [
-        Rows(row for at in rng.integers(len(queries), size=len(queries)) for row in queries[at])
+        Rows(
+            row
+            for queries in places
+            for at in rng.integers(len(queries), size=len(queries))
+            for row in queries[at]
+        )
         for _ in range(SAMPLES)
     ]
 

@@ -106,7 +106,7 @@ class Progress:
         if self.waited < WAITED or last["score"] < WORSE * best["score"] or not fell:
             return ""
         return (
-            f"validation has got worse since step {best['step']} of {last['step']} (score "
+            f"validation has got worse since step {best['step']:.0f} of {last['step']:.0f} (score "
             f"{best['score']:.4f} → {last['score']:.4f}) while the training loss fell: the network "
             "learns its training set by heart; more maps or fewer steps help"
         )

@@ -462,7 +462,7 @@ class _Run:
         best = progress.history[progress.best]
         words = f"validation {progress.history[-1]['score']:.4f}"
         if progress.waited:
-            words += f" (best {best['score']:.4f}, step {best['step']})"
+            words += f" (best {best['score']:.4f}, step {best['step']:.0f})"
         return words
 
     def validated(self, validator: Validator | KnownValidator, loss: float) -> dict[str, float]:

@@ -139,7 +139,7 @@ def test_a_held_out_stripe_is_evaluated_alone(nnpp_edge, terrain):
     """Its size decides, and the error says which sizes fit."""
     words = ("evaluate", terrain, "--methods", "astar", "--queries", 1, "--repeats", 1)
     held_out = (*words, "--held-out", "--validation-share", 0.25)
-    nnpp_edge(*held_out, "--sizes", 4096).refused("is the largest that fits")
+    nnpp_edge(*held_out, "--sizes", 64).refused("--sizes 40 is the largest that fits")
     assert nnpp_edge(*held_out, "--sizes", 16, "--json").json[0]["n"] == 1
     nnpp_edge(*words, "--held-out").refused("go together")
 
