@@ -138,9 +138,8 @@ def command(
 
     chosen = ["--validation", held_out, "--time-limit", time_limit, "--seed", seed]
     steps.command("train", data, "-o", run, *chosen)
-    checkpoint = next(
-        path for name in ("best", "checkpoint") if (path := run / f"{name}.pt").exists()
-    )
+    written = (run / name for name in ("best.pt", "last.pt", "checkpoint.pt"))
+    checkpoint = next(path for path in written if path.exists())
     fp32, int8 = (output / f"{name}.onnx" for name in ("fp32", "int8"))
     facts = ["--name", "own", "--region-factor", REGION_FACTOR, "--dataset", data]
     steps.command("export", checkpoint, "-o", fp32, *facts)
@@ -205,7 +204,7 @@ def _compared(
     write_whole(network.with_name("comparison.json"), content)
     lines = [table(list(figures.values()), _COLUMNS)]
     for each in pairs:
-        gap = f"mean gap {each.gap_points} points above"
+        gap = f"mean gaps differ by {each.gap_points} points"
         speed = f"{each.times_as_fast} times as fast"
         lines.append(f"nnpp beside {each.other}: {gap}, {speed}: {each.judgement}")
     size = "{} × {}".format(*cost.shape)
