@@ -203,7 +203,7 @@ def _compared(
     write_whole(network.with_name("comparison.json"), content)
     lines = [table(list(figures.values()), _COLUMNS)]
     for each in pairs:
-        gap = f"mean gap {each.gap_points} points above"
+        gap = f"mean gaps differ by {each.gap_points} points"
         speed = f"{each.times_as_fast} times as fast"
         lines.append(f"nnpp beside {each.other}: {gap}, {speed}: {each.judgement}")
     size = "{} × {}".format(*cost.shape)
