@@ -8,17 +8,15 @@ from importlib import import_module
 from types import SimpleNamespace
 from unittest.mock import MagicMock
 
-import numpy as np
 import onnx
 import pytest
 
 from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.network.model_file import ModelMetadata
 from nnpp_edge.runtime.terrain.traversability import Traversability
-from nnpp_edge.terrain.dataset import Samples
 from tests.conftest import TINY_MODEL
 
-MADE = ("export.to_onnx", "calibrate.quantize", "training.batches")
+MADE = ("export.to_onnx", "calibrate.quantize")
 STAND_INS = ("torch", "torch.nn", "torch.utils", "torch.utils.flop_counter", "onnxscript")
 ROOMS = ("calibrate", "export", "model", "training")
 HEAVY = (*STAND_INS, *(f"nnpp_edge.{name}." for name in ROOMS))
@@ -26,7 +24,7 @@ HEAVY = (*STAND_INS, *(f"nnpp_edge.{name}." for name in ROOMS))
 
 @pytest.fixture(scope="module")
 def made():
-    """The modules that export, quantise and make batches."""
+    """The modules that export and quantise."""
 
     def taken():
         return {name: sys.modules.pop(name) for name in list(sys.modules) if name.startswith(HEAVY)}
@@ -68,7 +66,9 @@ def test_the_recommendation_weighs_speed_cost_and_agreement(made):
         return of.Comparison(9, difference, 0.1, fp32, int8, *times).recommendation()
 
     def of_searches(gap, success=1.0, **more):
-        judged = (of.Judgement(0.5, *each, 0.1, 0.1) for each in ((1.0, 0.002), (success, gap)))
+        judged = (
+            of.Judgement(0.5, *each, 0.1, 0.1, 0.1) for each in ((1.0, 0.002), (success, gap))
+        )
         return advice(*judged, **more)
 
     as_fast = "2.00 times as fast warm and 2.00 right after a plan"
@@ -80,29 +80,6 @@ def test_the_recommendation_weighs_speed_cost_and_agreement(made):
     assert "2.0 % fewer of the queries" in of_searches(0.002, success=0.98)
     assert "differ by 0.0100" in of_searches(0.002, difference=0.01)
     for most, begins in ((0.101, "int8"), (0.11, "keep fp32")):
-        words = advice(of.Fit(0.1, 0.2, 0.1), of.Fit(0.1, 0.2, most))
+        words = advice(of.Fit(0.1, 0.2, 0.1, 0.1), of.Fit(0.1, 0.2, most, 0.1))
         grown = 100.0 * (most / 0.1 - 1.0)
         assert words.startswith(begins) and f"its errors grow by {grown:.1f} %" in words
-
-
-def test_batches_turn_and_mirror_maps_ends_and_targets_alike(made):
-    """Each map has a mark at the start, and the target's only cheap block lies below it."""
-    starts = np.array([(9, 100), (70, 20)])
-    rows, cols = starts.T
-    planes = np.zeros((2, 2, 128, 128), np.uint8)
-    planes[[0, 1], 0, rows, cols] = 255
-    excess = np.full((2, 16, 16), 255, np.uint8)
-    excess[[0, 1], rows // 8, cols // 8] = 0
-    path = np.zeros((2, 16, 2), np.uint8)
-    samples = Samples(planes, np.arange(2), starts, 127 - starts, excess, path)
-    of = vars(made)["training.batches"]
-    batches = of.Batches(samples, Spec("nnpp", 128), of.TrainSettings(batch=2))
-    begins = set()
-    for maps, queries, targets in (made for epoch in range(8) for made in batches.epoch(epoch)):
-        marks = maps[:, 0].reshape(2, -1).argmax(1)
-        at_start = queries.reshape(2, 2, -1).argmax(2) == marks[:, None]
-        assert (at_start.sum(1) == 1).all()
-        begins |= set(at_start.argmax(1).tolist())
-        found = np.argwhere(targets.reshape(2, -1) == 1.0)[:, 1]
-        assert found.tolist() == (marks // 1024 * 16 + marks % 128 // 8).tolist()
-    assert begins == {0, 1}, "some go from goal to start"

@@ -159,7 +159,8 @@ class Batches:
             encode_unseen_maps(maps[:, 0], of_maps, planes)
             return planes, maps.new_empty((len(maps), 0)), labels / CERTAIN
         ends = turned_ends(facts, turns, self.spec.input_size)
-        ends = np.where(swapped[..., None, None], ends[:, :, ::-1], ends).reshape(-1, 2, 2)
+        other_way = ends[:, :, ::-1]
+        ends = np.where(swapped[..., None, None], other_way, ends).reshape(-1, 2, 2)
         query = self._nearness.new_empty((len(maps), *query_shape(self.spec)))
         encode_queries(self.spec, torch.from_numpy(ends).to(self.device), query)
         return maps, query, self._nearness[labels[:, 0].int()]

@@ -34,7 +34,8 @@ def encode_queries(spec: Spec, ends: Tensor, out: Tensor) -> None:
         _encode_ends(ends, spec.input_size, sigma, out)
         return
     cells = torch.arange(spec.input_size, device=ends.device)
-    rows, cols = torch.exp(-0.5 * ((cells - ends[..., None]) / sigma) ** 2).unbind(2)
+    away = (cells - ends[..., None]) / sigma
+    rows, cols = torch.exp(-0.5 * away**2).unbind(2)
     torch.mul(rows[..., None], cols[..., None, :], out=out)
 
 
@@ -61,7 +62,8 @@ def _encode_ends(ends: Tensor, side: int, sigma: float, out: Tensor) -> None:
     for at, plane in enumerate(planes):
         out[:, at : 2 * END_CHANNELS : END_CHANNELS] = plane
     # how much of a detour each point is from the straight way between the two
-    apart = (ends[:, 0] - ends[:, 1]).norm(dim=-1).clamp_min(QUERY_SPACING)[:, None, None]
+    between = ends[:, 0] - ends[:, 1]
+    apart = between.norm(dim=-1).clamp_min(QUERY_SPACING)[:, None, None]
     detour = (distance.sum(1) - apart).clamp_min(0.0)
     of_both = (torch.exp(-detour / (0.25 * apart)), detour / side, apart / side)
     for at, plane in enumerate(of_both, 2 * END_CHANNELS):
@@ -80,7 +82,8 @@ def encode_unseen_maps(heights: Tensor, facts: Tensor, out: Tensor) -> None:
     tangent = torch.tan(limit)
     known = (heights == heights).float()  # NaN is no number's equal
     height = torch.nan_to_num(heights / (factor * cell_m * tangent))
-    mean = (height * known).sum((1, 2), keepdim=True) / known.sum((1, 2), keepdim=True).clamp_min(1)
+    cells = known.sum((1, 2), keepdim=True).clamp_min(1)
+    mean = (height * known).sum((1, 2), keepdim=True) / cells
     height = (height - mean) * known
     layers = torch.stack((height, known), 1)
     near, wide, far = (_mean(layers, blocks) for blocks in (3, 7, 15))
@@ -129,5 +132,7 @@ def _rises(edged: Tensor, there: Tensor) -> tuple[Tensor, Tensor]:
     steps = edged[:, :, 1:-1].diff(dim=1)
     after = there[:, 2:, 1:-1]
     before = there[:, :-2, 1:-1]
-    rise = (steps[:, 1:] * after + steps[:, :-1] * before) / (after + before).clamp_min(1.0)
-    return rise, torch.maximum(steps[:, 1:].abs(), steps[:, :-1].abs())
+    onward = steps[:, 1:]
+    hither = steps[:, :-1]
+    rise = (onward * after + hither * before) / (after + before).clamp_min(1.0)
+    return rise, torch.maximum(onward.abs(), hither.abs())
