@@ -47,7 +47,7 @@ def test_memory_is_there_values_stay_and_what_may_not_be_written_is_left_alone()
         np.testing.assert_array_equal(getattr(owner, name), value)
     np.testing.assert_array_equal(base, np.arange(20000.0))
     before = rss_bytes()
-    owner.large = np.zeros(1 << 23)  # so large that it cannot be memory that was given back before
+    owner.large = virtual_zeros(1 << 23, np.float64)  # no memory that was given back before
     touch(owner)
     assert rss_bytes() - before > 0.9 * owner.large.nbytes
     assert not owner.large.any()
