@@ -204,8 +204,8 @@ def _compared(
     lines = [table(list(figures.values()), _COLUMNS)]
     for each in pairs:
         gap = f"mean gaps differ by {each.gap_points} points"
-        speed = f"{each.times_as_fast} times as fast"
-        lines.append(f"nnpp beside {each.other}: {gap}, {speed}: {each.judgement}")
+        speed = f"{each.times_as_fast} times as fast in the median"
+        lines.append(f"yours (nnpp) beside {each.other}: {gap}, {speed}: {each.judgement}")
     size = "{} × {}".format(*cost.shape)
     lines.append(
         f"{len(rows['nnpp'])} queries on a map of {size} cells that it was not trained on; "

@@ -18,7 +18,7 @@ BETTER = "better"
 WORSE = "worse"
 ALIKE = "no difference shown"
 KEEP = "keep it"
-LEAVE = "not worth keeping, take what it is worse than"
+LEAVE = "not worth keeping"
 OPEN = "cannot be told, more --queries narrow the intervals"
 
 
@@ -77,10 +77,10 @@ def _interval(value: float, resampled: NDArray[np.float64]) -> Interval:
 
 
 def verdict(found: Sequence[Beside]) -> str:
-    """`KEEP` where a network is better than every other planner, `LEAVE` where it is worse than
-    one, else `OPEN`.
+    """`KEEP` where a network is better than every other planner, `LEAVE` and what to take where it
+    is worse than one, else `OPEN`.
     """
-    judgements = {each.judgement for each in found}
-    if WORSE in judgements:
-        return LEAVE
-    return OPEN if ALIKE in judgements else KEEP
+    for each in found:
+        if each.judgement == WORSE:
+            return f"{LEAVE}, take {each.other}"
+    return OPEN if ALIKE in {each.judgement for each in found} else KEEP

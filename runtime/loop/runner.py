@@ -173,6 +173,8 @@ class Loop:
                 self._publish(status)
             with self._after_guard:
                 self._after_tick(message)
+        if done and self._paced:  # nobody waits for the next
+            self._ticker.ends_late()
 
     def _tick(self) -> PathMessage:
         began = time.monotonic()

@@ -73,15 +73,24 @@ class Ticker:
         A deadline that has passed is not slept for: the next tick begins at once, and counts on to
         the first deadline that is still ahead.
         """
-        if (late_s := self._clock() - self.deadline) > 0.0:
-            missed = int(late_s // self.period_s)
-            self.overruns += 1
-            self.skipped += missed
-            self._number += 1 + missed
+        if self.ends_late():
             return
         while (left := self.deadline - self._clock()) > 0.0 and self._sleep(left) is not True:
             pass
         self._number += 1
+
+    def ends_late(self) -> bool:
+        """Whether the tick that ends now ends after its deadline, which is counted then, with those
+        that passed meanwhile.
+        """
+        late_s = self._clock() - self.deadline
+        if late_s <= 0.0:
+            return False
+        missed = int(late_s // self.period_s)
+        self.overruns += 1
+        self.skipped += missed
+        self._number += 1 + missed
+        return True
 
 
 class Histogram:

@@ -93,7 +93,7 @@ def test_one_line_leads_from_a_map_to_a_verdict_and_goes_on_where_it_was_stopped
     more = run(f"{words} --queries 5 --json")
     assert {path: path.stat().st_mtime_ns for path in stamps} == stamps, "made again"
     told = more.json
-    assert told["verdict"] in VERDICTS
+    assert told["verdict"].startswith(VERDICTS)
     assert {each["other"] for each in told["beside"]} == {"corridor", "nnpp:edge"}
     assert list(told["rows"]) == [
         "astar",

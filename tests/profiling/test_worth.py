@@ -73,4 +73,5 @@ def test_a_network_is_kept_where_it_is_better_than_all_and_left_where_one_is_as_
     worse = compared((0.1, 0.3), (1.0, 1.0))
     assert verdict([better, better]) == KEEP
     assert verdict([better, open_yet]) == OPEN
-    assert verdict([better, worse]) == verdict([open_yet, worse]) == LEAVE
+    left = f"{LEAVE}, take {worse.other}"
+    assert verdict([better, worse]) == verdict([open_yet, worse]) == left

@@ -473,6 +473,14 @@ def test_it_runs_at_its_rate_and_sends_answers_and_status():
     assert gc.isenabled() and not gc.get_freeze_count()
 
 
+def test_the_last_tick_counts_when_it_is_late():
+    def late(message):
+        time.sleep(0.035)
+
+    counters = Loop(navigator(), InProcessSource(), rate_hz=100.0, after_tick=late).run(1)
+    assert counters.overruns == 1 and counters.skipped >= 2
+
+
 class Stuck:
     name = "stuck"
 
