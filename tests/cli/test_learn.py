@@ -86,7 +86,7 @@ def test_one_line_leads_from_a_map_to_a_verdict_and_goes_on_where_it_was_stopped
     assert "--held-out" in lines[1] and "--workload limit30" in lines[0]
     assert "verdict: " in ended.out.splitlines()[-1]
     assert "yours (nnpp) beside corridor: mean gaps differ by" in ended.out
-    assert "nnpp beside nnpp:edge: mean gaps differ by" in ended.out
+    assert "(nnpp) beside nnpp:edge: mean gaps differ by" in ended.out
     stamps = {path: path.stat().st_mtime_ns for path in Path("me").rglob("*.onnx")}
     assert len(stamps) == 2
 
