@@ -13,7 +13,6 @@ Float2D = NDArray[np.float32]
 """(H, W)."""
 Float32s = NDArray[np.float32]
 Floats = NDArray[np.float64]
-Float32 = NDArray[np.float32]
 UInt8 = NDArray[np.uint8]
 UInt16 = NDArray[np.uint16]
 Bool = NDArray[np.bool_]

@@ -14,7 +14,7 @@ from nnpp_edge.model import edge
 from nnpp_edge.model.nnpp import NNPP
 from nnpp_edge.model.registry import Spec
 from nnpp_edge.model.unseen import UnseenNet
-from nnpp_edge.runtime.arrays import Array, Float32
+from nnpp_edge.runtime.arrays import Array, Float32s
 from nnpp_edge.runtime.kernels.encoding import ENDS_CHANNELS, GAUSSIAN_CHANNELS
 from nnpp_edge.runtime.network.encoding import Point, encode_ends, encode_gaussian
 from nnpp_edge.runtime.network.model_file import QUERY_SPACING
@@ -57,7 +57,7 @@ class Network(nn.Module):
         return logits[:, 0]
 
     @torch.no_grad()
-    def answers(self, planes: Array, queries: Float32) -> Float32:
+    def answers(self, planes: Array, queries: Float32s) -> Float32s:
         """The sigmoid of the logits for arrays of any length, in batches and evaluation mode."""
         self.eval()
         device = next(self.parameters()).device
@@ -69,7 +69,7 @@ class Network(nn.Module):
         return torch.cat(parts).numpy()
 
 
-def encode(spec: Spec, start: Point, goal: Point) -> Float32:
+def encode(spec: Spec, start: Point, goal: Point) -> Float32s:
     """Start and goal, (row, col) in network cells, as they are shown to this network: (C, E, E)
     float32.
     """

@@ -18,7 +18,7 @@ import numpy as np
 
 from nnpp_edge.files import make_folder, write_whole
 from nnpp_edge.progress import Progress, ignore
-from nnpp_edge.runtime.arrays import Array, Float32, Int32, UInt8, in_blocks
+from nnpp_edge.runtime.arrays import Array, Float32s, Int32, UInt8, in_blocks
 from nnpp_edge.runtime.errors import DataSetError
 from nnpp_edge.runtime.network.unseen import ANSWERS
 from nnpp_edge.runtime.reading import refused_as
@@ -30,7 +30,7 @@ RECIPE_FILE = "dataset.json"
 
 Shards = Generator[tuple[int, bytes], None, None]
 """Numbers and contents of shards, in the order done."""
-Query = tuple[Float32, tuple[float, float], tuple[float, float]]
+Query = tuple[Float32s, tuple[float, float], tuple[float, float]]
 """Planes (2, S, S) in [0, 1]; start and goal, (row, col) in network cells."""
 Arrays = dict[str, Array]
 """The arrays of a shard, by name."""
@@ -48,9 +48,9 @@ class Samples:
     """(M, 2, S, S) mean cost (impassable as 1) and share of impassable cells, in 255ths."""
     map_index: Int32
     """(Q,) the map of each query."""
-    start: Float32
+    start: Float32s
     """(Q, 2) row and column in input cells."""
-    goal: Float32
+    goal: Float32s
     excess: UInt8
     """(Q, B, B) excess of each block over the optimum, in steps of 0.1 %."""
     on_path: UInt8

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nnpp_edge.runtime.arrays import Float2D, Float32, unmasked
+from nnpp_edge.runtime.arrays import Float2D, Float32s, unmasked
 from nnpp_edge.runtime.cells import Rectangle, Shape, slices
 from nnpp_edge.runtime.errors import InvalidQueryError, TerrainError
 from nnpp_edge.runtime.map.along import heights_at
@@ -32,7 +32,7 @@ class Dem(Place):
     Masked cells become unknown. TerrainError where no cell is known, or a number makes no sense.
     """
 
-    elevation: Float32
+    elevation: Float32s
     cell_size_m: float
     cell_width_m: float
     georeference: Georeference | None

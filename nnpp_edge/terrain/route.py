@@ -10,7 +10,7 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 
-from nnpp_edge.runtime.arrays import Float2D, Float32, Floats, headings_along
+from nnpp_edge.runtime.arrays import Float2D, Float32s, Floats, headings_along
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import optional_module
 from nnpp_edge.runtime.map.along import Along, Line
@@ -41,7 +41,7 @@ class Route:
     """
     along: Along
     """This route with every place between way points at which something is known."""
-    cost: Float32
+    cost: Float32s
     """(N,) of the cell at each of these."""
     dem: Place
     standing: Mapping[str, Floats] = field(default_factory=dict)

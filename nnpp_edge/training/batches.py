@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from nnpp_edge.model.registry import Spec
-from nnpp_edge.runtime.arrays import Bool, Float32, Int64
+from nnpp_edge.runtime.arrays import Bool, Float32s, Int64
 from nnpp_edge.runtime.errors import DataSetError
 from nnpp_edge.runtime.network.model_file import UNSEEN
 from nnpp_edge.terrain.dataset import Samples
@@ -42,7 +42,7 @@ class Held(NamedTuple):
     """(Q, L, B, B) uint8."""
     map_index: Int64
     """(Q,) the map of each sample."""
-    facts: Float32
+    facts: Float32s
     """(Q, 2, 2) start and goal, or (Q, 4) of `encode_unseen_maps`."""
 
 
@@ -118,7 +118,7 @@ class Batches:
             np.stack([samples.start, samples.goal], 1),
         )
 
-    def _placed(self, maps: Tensor, labels: Tensor, map_index: Int64, facts: Float32) -> Held:
+    def _placed(self, maps: Tensor, labels: Tensor, map_index: Int64, facts: Float32s) -> Held:
         """On the device, if there is room for them, else in this machine's memory, from which each
         batch's are brought.
         """
@@ -197,7 +197,7 @@ def turned(array: Tensor, turn: int) -> Tensor:
     return array.mT if turn & 4 else array
 
 
-def turned_ends(ends: Float32, turns: Int64, side: int) -> Float32:
+def turned_ends(ends: Float32s, turns: Int64, side: int) -> Float32s:
     """Places (..., N, 2, 2), (row, col) in cells, on maps of this side in these positions (N,)."""
     turns = turns[:, None, None]
     mirrored = np.where(turns & np.array([1, 2]), np.float32(side - 1) - ends, ends)

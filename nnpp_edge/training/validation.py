@@ -12,7 +12,7 @@ import numpy as np
 from nnpp_edge.model.network import Network, encode
 from nnpp_edge.model.registry import Spec
 from nnpp_edge.profiling.outcome import gap, of_region
-from nnpp_edge.runtime.arrays import Float32
+from nnpp_edge.runtime.arrays import Float32s
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.kernels.threshold import lowered
 from nnpp_edge.runtime.map.grid import Grid
@@ -92,7 +92,7 @@ class Validator:
         return self.judge_answers(network.answers(maps, self.queries))
 
     def judge_answers(
-        self, probabilities: Float32, factors: Sequence[float] = FACTORS
+        self, probabilities: Float32s, factors: Sequence[float] = FACTORS
     ) -> list[Judgement]:
         """As `judge`, for probabilities (Q, B, B) in the order of `index`."""
 

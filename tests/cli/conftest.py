@@ -9,6 +9,8 @@ import pytest
 
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.rasters import raster_bytes
+from nnpp_edge.terrain.shards import shard_content
+from nnpp_edge.terrain.synthetic import synthetic_terrain
 from tests.cli.grounds import PLACE, rolling
 
 
@@ -17,6 +19,25 @@ def run(nnpp_edge, tmp_path, monkeypatch):
     """Run a command line in a folder of its own."""
     monkeypatch.chdir(tmp_path)
     return lambda line, *more: nnpp_edge(*shlex.split(line), *more)
+
+
+@pytest.fixture
+def trained_on(run, monkeypatch):
+    """Writes dem.npz, a map of so many rows × 160 cells, and returns its heights; shards are made
+    without the processes that the command starts.
+    """
+
+    def make(recipe, tiles, indices, _):
+        for index in indices:
+            yield index, shard_content(recipe, tiles, index)
+
+    def written(rows):
+        elevation = synthetic_terrain(np.random.default_rng(5), 160, 5.0)[:rows]
+        np.savez("dem.npz", elevation_m=elevation, cell_size_m=5.0)
+        return elevation
+
+    monkeypatch.setattr("nnpp_edge.terrain.dataset._shards_here", make)
+    return written
 
 
 @pytest.fixture

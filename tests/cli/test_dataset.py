@@ -8,26 +8,15 @@ import pytest
 from nnpp_edge.export.to_onnx import dataset_facts
 from nnpp_edge.runtime.network.model_file import read_model_file
 from nnpp_edge.terrain.dataset import read_recipe, read_samples
-from nnpp_edge.terrain.shards import WORKLOADS, shard_content
-from nnpp_edge.terrain.synthetic import synthetic_terrain
+from nnpp_edge.terrain.shards import WORKLOADS
 
 FEW = "--maps 4 --workers 1 --synthetic-share 0"
 
 
 @pytest.fixture
-def dem(run, monkeypatch):
-    """dem.npz, a map of 100 × 160 cells; shards are made without the processes that the command
-    starts.
-    """
-    elevation = synthetic_terrain(np.random.default_rng(5), 160, 5.0)[:100]
-    np.savez("dem.npz", elevation_m=elevation, cell_size_m=5.0)
-
-    def make(recipe, tiles, indices, _):
-        for index in indices:
-            yield index, shard_content(recipe, tiles, index)
-
-    monkeypatch.setattr("nnpp_edge.terrain.dataset._shards_here", make)
-    return elevation
+def dem(trained_on):
+    """dem.npz, a map of 100 × 160 cells."""
+    return trained_on(100)
 
 
 def test_terrain_that_is_too_small_names_the_size_that_fits_and_leaves_nothing(run, dem):

@@ -3,30 +3,20 @@
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from nnpp_edge.cli.learn import Steps
 from nnpp_edge.profiling.worth import KEEP, LEAVE, OPEN
 from nnpp_edge.runtime.errors import OutputError
-from nnpp_edge.terrain.shards import shard_content
-from nnpp_edge.terrain.synthetic import synthetic_terrain
 
 VERDICTS = (KEEP, OPEN, LEAVE)
 
 
 @pytest.fixture
-def dem(run, monkeypatch):
-    """dem.npz, a map of 80 × 160 cells; no processes are started, and times are taken thrice."""
-    elevation = synthetic_terrain(np.random.default_rng(5), 160, 5.0)[:80]
-    np.savez("dem.npz", elevation_m=elevation, cell_size_m=5.0)
-
-    def make(recipe, tiles, indices, _):
-        for index in indices:
-            yield index, shard_content(recipe, tiles, index)
-
-    monkeypatch.setattr("nnpp_edge.terrain.dataset._shards_here", make)
+def dem(trained_on, monkeypatch):
+    """dem.npz, a map of 80 × 160 cells; few queries judge the training."""
     monkeypatch.setattr("nnpp_edge.cli.learn.VALIDATED_ON", 12)
+    return trained_on(80)
 
 
 def made(folder, lines):
