@@ -26,11 +26,9 @@ _PROPERTIES = ("status", "method", "source", "cost")
 _CLOSE = 0.1
 """Share of a body's limit below which what is left of it is warned of."""
 _ANGLES = (("pitched", "pitch"), ("rolled", "roll"), ("tilted", "tilt"))
-_LIKELY = (
-    "likely within 2 % of the optimum",
-    "likely within 4 % of the optimum",
-)
-"""Of a point and of a body: 95 of 100 measured paths are (docs/results.md)."""
+_LIKELY = (2, 4, 8)
+"""Percent above the optimum that 95 of 100 measured paths keep within: of a point, of a body
+(docs/results.md) and of arcs (docs/decisions/arcs.md)."""
 _WINDOWS = (
     "{gigabytes:.2f} GB by windows, {again:.1f} % of the cells again, coarse levels in "
     "{map_s:.1f} s, peak memory {peak_memory_gb:.2f} GB"
@@ -264,11 +262,11 @@ class Answer:
         least = f"{self.plan.lower_bound:.6g}"
         if math.isinf(self.plan.bound):
             return f"no path costs less than {least}"
-        least = f"(no path costs less than {least})"
-        if self.plan.states is not None:
-            return f"proven to be at most {self.plan.bound:.3f} times the optimum {least}"
-        likely = _LIKELY[self.vehicle is not None]
-        return f"{likely}, proven to be at most {self.plan.bound:.3f} times it {least}"
+        likely = _LIKELY[(self.vehicle is not None) + (self.plan.states is not None)]
+        proven = f"proven to be at most {self.plan.bound:.3f} times it"
+        return (
+            f"likely within {likely} % of the optimum, {proven} (no path costs less than {least})"
+        )
 
     @property
     def stops(self) -> Sequence[Cell]:

@@ -115,7 +115,8 @@ def plan_in_memory(
 ) -> Answer:
     """Plan on a map that is read into memory: to the nearest goal, or by way of other places."""
     body = robot.body()
-    with told_if_slow(f"reading {path}"):
+    hint = "" if request.crop else " (--crop METRES reads only the map around the ends)"
+    with told_if_slow(f"reading {path}{hint}"):
         dem, (start, via, goals) = _read(request, path, robot)
     method = query.pop("method", Method.AUTO)
     may_ask = method == "nnpp" or (method == "auto" and max(dem.shape) >= LARGE_MAP)
