@@ -241,7 +241,9 @@ def test_nobody_walks_on_another_body_unless_that_is_asked_for(run, told, tmp_pa
         raster_bytes(tmp_path, heights, Dem(heights, 2.0, 2.0, moon, tmp_path))
     )
     words = f"plan moon.tif {ENDS}"
-    assert told(words)["time_s"] is None and "on foot" not in run(words).out
+    for unasked in (words, "plan sample:moon_rocks --start 60,9 --goal 60,113"):
+        assert told(unasked)["time_s"] is None and "on foot" not in run(unasked).out
+    assert told("plan sample:earth_hummocks --start 9,9 --goal 60,60")["time_s"] > 0.0
     assert told(f"{words} --step-cost tobler")["time_s"] > 0.0
     assert "at the vehicle's speeds" in run(f"{words} {BODY}").out
     run("reach moon.tif --start 5,5 --within-time 5min").refused("--step-cost tobler")
