@@ -188,6 +188,7 @@ def command(
     part = {"row": row, "col": col, "rows": rows, "cols": cols}
     result = drive.summary() | part
     result |= {"start": ground.in_file(drive.start), "goal": ground.in_file(drive.goal)}
+    result |= {f"{end}_xy": whole.map_coordinates(*result[end]) for end in ("start", "goal")}
     result["files"] = written
     tell(as_json, result, lambda: text(drive, result, whole.source.name))
     if drive.forbidden or not (drive.reached or endless):
@@ -206,6 +207,9 @@ def text(drive: "Drive", result: dict[str, Any], name: str) -> str:
         ended: f"{drive.method}, {result['start']} to {result['goal']}",
         "map": "{rows} × {cols} cells of {name}, from cell ({row}, {col}) on".format(
             **result, name=name
+        ),
+        "in x, y": "({:.9g}, {:.9g}) to ({:.9g}, {:.9g})".format(
+            *result["start_xy"], *result["goal_xy"]
         ),
         "ticks": f"{ticks.ticks}: {ticks.planned} planned, {ticks.kept} kept their path, "
         f"{ticks.failed} without one",
