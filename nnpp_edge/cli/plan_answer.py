@@ -49,8 +49,8 @@ class Answer:
     start: Cell
     goal: Cell
     picture: Callable[[], Picture]
-    figure: Callable[[str], bytes]
-    """Makes the figure for a paper, of a kind such as ``.pdf``."""
+    figure: Callable[[Sequence[tuple[str, Cell]], str], bytes]
+    """Makes the figure for a paper, of the stops with their names, of a kind such as ``.pdf``."""
     names: Sequence[str]
     """Of the stops, from start to goal."""
     goals: Sequence[tuple[Cell, Plan]] = ()
@@ -273,17 +273,24 @@ class Answer:
         """Start, the places between in the order of visits, and goal."""
         return self.tour.stops if self.tour else (self.start, self.goal)
 
+    @property
+    def named(self) -> list[tuple[str, Cell]]:
+        """The stops with their names."""
+        return list(zip(self.names, self.stops, strict=True))
+
     def save(self, paths: list[Path]) -> list[str]:
         """Write all files, or none; their names."""
         files = [str(path) for path in paths]
-        write_all({path: self._content(path, files) for path in paths})
+        # GPX is refused off the Earth: that is found out before anything is drawn
+        first = sorted(paths, key=lambda path: path.suffix != ".gpx")
+        write_all({path: self._content(path, files) for path in first})
         return files
 
     def _geopackage(self) -> bytes:
         """The path, its stops and its legs."""
         roles = ["start", *["via"] * (len(self.stops) - 2), "goal"]
         stations: list[tuple[Cell, Facts]] = []
-        for (row, col), name, role in zip(self.stops, self.names, roles, strict=True):
+        for (name, (row, col)), role in zip(self.named, roles, strict=True):
             stations.append(((row, col), {"name": name, "role": role, "row": row, "col": col}))
         legs: list[Leg] = []
         for number, leg in enumerate(self.tour.legs if self.tour else (self.plan,), 1):
@@ -304,10 +311,10 @@ class Answer:
             "plan.png": lambda: png_bytes(self.picture()),
             "path.gpkg": self._geopackage,
             "path.qml": lambda: LINE_STYLE.encode(),
-            "path.gpx": lambda: route.gpx("nnpp-edge plan", self.stops),
+            "path.gpx": lambda: route.gpx("nnpp-edge plan", self.named),
         }
         if path.stem == "figure":
-            return self.figure(path.suffix)
+            return self.figure(self.named, path.suffix)
         try:
             return makers[path.name]()
         except InvalidQueryError as error:

@@ -187,8 +187,9 @@ def command(
         save_picture(picture, drive_picture(ground, drive))
     part = {"row": row, "col": col, "rows": rows, "cols": cols}
     result = drive.summary() | part
-    result |= {"start": ground.in_file(drive.start), "goal": ground.in_file(drive.goal)}
-    result |= {f"{end}_xy": whole.map_coordinates(*result[end]) for end in ("start", "goal")}
+    for name, cell in (("start", drive.start), ("goal", drive.goal)):
+        in_file = ground.in_file(cell)
+        result |= {name: in_file, f"{name}_xy": whole.map_coordinates(*in_file)}
     result["files"] = written
     tell(as_json, result, lambda: text(drive, result, whole.source.name))
     if drive.forbidden or not (drive.reached or endless):
