@@ -263,10 +263,10 @@ class Answer:
         if math.isinf(self.plan.bound):
             return f"no path costs less than {least}"
         likely = _LIKELY[(self.vehicle is not None) + (self.plan.states is not None)]
-        proven = f"proven to be at most {self.plan.bound:.3f} times it"
-        return (
-            f"likely within {likely} % of the optimum, {proven} (no path costs less than {least})"
-        )
+        words = f"proven to be at most {self.plan.bound:.5g} times the optimum"
+        if self.plan.bound > 1.0 + 0.01 * likely:
+            words = f"likely within {likely} % of the optimum, {words}"
+        return f"{words} (no path costs less than {least})"
 
     @property
     def stops(self) -> Sequence[Cell]:

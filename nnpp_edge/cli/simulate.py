@@ -120,7 +120,8 @@ def command(
         )
         dem = sample_path(_SAMPLE)
         robot = replace(robot, rescale=robot.rescale or cell_m)
-    whole = robot.read(dem)
+    with told_if_slow(f"reading {dem}"):
+        whole = robot.read(dem)
     rng = np.random.default_rng([seed, 3])
     factor = known.factor if known else 1
     rows, cols = (min(size, side) // factor * factor for side in whole.shape)
@@ -150,11 +151,12 @@ def command(
         rng = np.random.default_rng([seed, 4])
         width = whole.cell_width_m
         true = with_rocks(heights, whole.cell_size_m, rocks, rng, cell_width_m=width)
-    actual = robot.of(replace(whole, elevation=true))
-    if known is None:
-        ground = SurveyedGround.of(actual, _SURVEY if body is None else 1, heights)
-    else:
-        ground = SurveyedGround.of_known(actual, *known)
+    with told_if_slow("preparing the ground"):
+        actual = robot.of(replace(whole, elevation=true))
+        if known is None:
+            ground = SurveyedGround.of(actual, _SURVEY if body is None else 1, heights)
+        else:
+            ground = SurveyedGround.of_known(actual, *known)
     ground = replace(ground, origin=(row, col), north_deg=whole.north_deg)
     if start and goal:
         begin, end = map(tuple, (ends - (row, col)).tolist())

@@ -179,7 +179,7 @@ def test_a_path_leads_by_way_of_places_in_the_order_given_or_in_the_best(run, to
     places = [cells.index(tuple(stop)) for stop in best["via"]["stops"]]
     assert places == sorted(places)
     names = pyogrio.raw.read("out/path.gpx", layer="waypoints", columns=["name"])[3][0]
-    assert names.tolist() == ["start", "via 1", "via 2", "via 3", "goal"]
+    assert names.tolist() == ["start", "via 2", "via 3", "via 1", "goal"]
     saved = f"{100.0 * (1.0 - best['cost'] / given['cost']):.3g} % less than in the order given"
     assert f"2 (12, 30), 3 (40, 50), 1 (60, 70): {saved}" in run(f"{words} --best-order").out
     words = f"{PLAN} --via 12,30 --via 40,50 --best-order"
@@ -247,6 +247,8 @@ def test_nobody_walks_on_another_body_unless_that_is_asked_for(run, told, tmp_pa
     assert told(f"{words} --step-cost tobler")["time_s"] > 0.0
     assert "at the vehicle's speeds" in run(f"{words} {BODY}").out
     run("reach moon.tif --start 5,5 --within-time 5min").refused("--step-cost tobler")
+    by_energy = "reach moon.tif --start 5,5 --within-energy 90kJ --mobility large-rover"
+    assert run(by_energy).err.count("the gravity of the map's body") == 1
     asked = run("reach moon.tif --start 5,5 --within-time 5min --step-cost tobler")
     assert "speeds" in asked.out and "of a walker, by Tobler's function" in asked.out
 
