@@ -82,8 +82,7 @@ def check_planner_fits(shape: tuple[int, ...], more_per_cell: int = 0) -> None:
     """InvalidMapError where the memory that is left cannot hold a planner of a map of this shape.
 
     `more_per_cell` are bytes beside those of a point's planner. All that is reserved counts: a
-    search takes it where it first comes, but by huge pages, so a corridor across a map takes nearly
-    all of a body's.
+    search takes it where it first comes, and one of the whole map takes all of it.
     """
     cells = math.prod(shape)
     if len(shape) != 2 or cells <= _ALWAYS_FITS:

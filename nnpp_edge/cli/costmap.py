@@ -37,7 +37,7 @@ def command(
 
     Costs lie in [0, 1). A GeoTIFF keeps the DEM's georeference; its impassable cells are NaN,
     declared as nodata. In .npy and .npz (arrays cost, cell_size_m, cell_width_m) they are inf. In
-    the picture, whiter is costlier and impassable cells are brown.
+    the picture, browner is costlier and impassable cells are dark.
 
     A raster too large for the memory that is free, or for --memory, is read by windows; its cost
     map is written as a GeoTIFF, a band after another.

@@ -5,7 +5,7 @@ cost.
 import math
 import warnings
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
@@ -41,8 +41,6 @@ and those along it after the resampling that it names.
 """
 _ROUNDED_UP = 1.05
 """By how much a number may be larger than its first two digits."""
-_EARTH = 9.80665
-"""m/s², as of `gravity_of`: elsewhere nobody walks unless that is asked for."""
 _MOST_UNEQUAL_GRAVITY = 0.01
 """Share by which the map's gravity may differ from the file's before a warning says so."""
 
@@ -162,15 +160,13 @@ class VehicleOptions:
         values = self._values()
         source = Path(self.mobility_file or self.vehicle or "--set").name
         found = mobility_of(values["mobility"], source) if "mobility" in values else Mobility()
-        own_gravity = any("gravity_m_s2" in each.word for each in self.settings)
-        of_body = None if place is None else gravity_of(place)
-        if of_body not in (None, _EARTH) and self.step_cost not in ("tobler", "irmischer"):
-            found = replace(found, tobler=None)
-        gravity = None if own_gravity else of_body
-        if gravity is None or found.energy is None:
+        gravity = None if place is None else gravity_of(place)
+        own = found.energy and found.energy.gravity_m_s2
+        if own and any("gravity_m_s2" in each.word for each in self.settings):
+            gravity = own
+        if gravity is None:
             return found
-        own = found.energy.gravity_m_s2
-        if abs(gravity / own - 1.0) > _MOST_UNEQUAL_GRAVITY:
+        if own and abs(gravity / own - 1.0) > _MOST_UNEQUAL_GRAVITY:
             warnings.warn(
                 f"energy uses {gravity:g} m/s², the gravity of the map's body, not the vehicle's "
                 f"{own:g}; "

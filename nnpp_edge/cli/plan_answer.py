@@ -26,11 +26,9 @@ _PROPERTIES = ("status", "method", "source", "cost")
 _CLOSE = 0.1
 """Share of a body's limit below which what is left of it is warned of."""
 _ANGLES = (("pitched", "pitch"), ("rolled", "roll"), ("tilted", "tilt"))
-_LIKELY = (
-    "likely within 2 % of the optimum",
-    "likely within 4 % of the optimum",
-)
-"""Of a point and of a body: 95 of 100 measured paths are (docs/results.md)."""
+_LIKELY = (2, 4, 8)
+"""Percent above the optimum that 95 of 100 measured paths keep within: of a point, of a body
+(docs/results.md) and of arcs (docs/decisions/arcs.md)."""
 _WINDOWS = (
     "{gigabytes:.2f} GB by windows, {again:.1f} % of the cells again, coarse levels in "
     "{map_s:.1f} s, peak memory {peak_memory_gb:.2f} GB"
@@ -51,8 +49,8 @@ class Answer:
     start: Cell
     goal: Cell
     picture: Callable[[], Picture]
-    figure: Callable[[str], bytes]
-    """Makes the figure for a paper, of a kind such as ``.pdf``."""
+    figure: Callable[[Sequence[tuple[str, Cell]], str], bytes]
+    """Makes the figure for a paper, of the stops with their names, of a kind such as ``.pdf``."""
     names: Sequence[str]
     """Of the stops, from start to goal."""
     goals: Sequence[tuple[Cell, Plan]] = ()
@@ -264,28 +262,35 @@ class Answer:
         least = f"{self.plan.lower_bound:.6g}"
         if math.isinf(self.plan.bound):
             return f"no path costs less than {least}"
-        least = f"(no path costs less than {least})"
-        if self.plan.states is not None:
-            return f"proven to be at most {self.plan.bound:.3f} times the optimum {least}"
-        likely = _LIKELY[self.vehicle is not None]
-        return f"{likely}, proven to be at most {self.plan.bound:.3f} times it {least}"
+        likely = _LIKELY[(self.vehicle is not None) + (self.plan.states is not None)]
+        words = f"proven to be at most {self.plan.bound:.5g} times the optimum"
+        if self.plan.bound > 1.0 + 0.01 * likely:
+            words = f"likely within {likely} % of the optimum, {words}"
+        return f"{words} (no path costs less than {least})"
 
     @property
     def stops(self) -> Sequence[Cell]:
         """Start, the places between in the order of visits, and goal."""
         return self.tour.stops if self.tour else (self.start, self.goal)
 
+    @property
+    def named(self) -> list[tuple[str, Cell]]:
+        """The stops with their names."""
+        return list(zip(self.names, self.stops, strict=True))
+
     def save(self, paths: list[Path]) -> list[str]:
         """Write all files, or none; their names."""
         files = [str(path) for path in paths]
-        write_all({path: self._content(path, files) for path in paths})
+        # GPX is refused off the Earth: that is found out before anything is drawn
+        first = sorted(paths, key=lambda path: path.suffix != ".gpx")
+        write_all({path: self._content(path, files) for path in first})
         return files
 
     def _geopackage(self) -> bytes:
         """The path, its stops and its legs."""
         roles = ["start", *["via"] * (len(self.stops) - 2), "goal"]
         stations: list[tuple[Cell, Facts]] = []
-        for (row, col), name, role in zip(self.stops, self.names, roles, strict=True):
+        for (name, (row, col)), role in zip(self.named, roles, strict=True):
             stations.append(((row, col), {"name": name, "role": role, "row": row, "col": col}))
         legs: list[Leg] = []
         for number, leg in enumerate(self.tour.legs if self.tour else (self.plan,), 1):
@@ -306,10 +311,10 @@ class Answer:
             "plan.png": lambda: png_bytes(self.picture()),
             "path.gpkg": self._geopackage,
             "path.qml": lambda: LINE_STYLE.encode(),
-            "path.gpx": lambda: route.gpx("nnpp-edge plan", self.stops),
+            "path.gpx": lambda: route.gpx("nnpp-edge plan", self.named),
         }
         if path.stem == "figure":
-            return self.figure(path.suffix)
+            return self.figure(self.named, path.suffix)
         try:
             return makers[path.name]()
         except InvalidQueryError as error:

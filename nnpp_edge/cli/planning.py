@@ -2,7 +2,7 @@
 
 import math
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
@@ -115,7 +115,8 @@ def plan_in_memory(
 ) -> Answer:
     """Plan on a map that is read into memory: to the nearest goal, or by way of other places."""
     body = robot.body()
-    with told_if_slow(f"reading {path}"):
+    hint = "" if request.crop else " (--crop METRES reads only the map around the ends)"
+    with told_if_slow(f"reading {path}{hint}"):
         dem, (start, via, goals) = _read(request, path, robot)
     method = query.pop("method", Method.AUTO)
     may_ask = method == "nnpp" or (method == "auto" and max(dem.shape) >= LARGE_MAP)
@@ -190,20 +191,17 @@ def plan_in_memory(
             reference_path=(exact.path if exact.states is None else exact.line)
             if exact and exact.ok and plan.method != exact.method
             else None,
-            length_m=route.length_m,
             outlines=body_outlines(plan.line, body, ground.sides_m, headings) if body else (),
             refused=refused_on(planner),
             point_path=beside,
             reached=ended,
         )
 
-    def figure(kind: str) -> bytes:
+    def figure(stops: Sequence[tuple[str, Cell]], kind: str) -> bytes:
         from nnpp_edge.viz.plan_figure import plan_figure
 
         assert plan.along is not None
-        stops = tour.stops if tour else (start, goal)
-        named = list(zip(names, stops, strict=True))
-        return plan_figure(chart_of(dem, cost), dem, plan.along, named, kind)
+        return plan_figure(chart_of(dem, cost), dem, plan.along, stops, kind)
 
     return Answer(
         plan,
@@ -297,7 +295,6 @@ def plan_by_windows(
             start=first,
             goal=last,
             via=between,
-            length_m=route.length_m,
         )
 
     return Answer(
@@ -306,7 +303,7 @@ def plan_by_windows(
         start,
         goal,
         picture,
-        lambda kind: b"",
+        lambda stops, kind: b"",
         names,
         goals=ranked if len(goals) > 1 else (),
         windows=windows,

@@ -115,17 +115,20 @@ def command(
     with told_if_slow(f"reading {dem}"):
         terrain = robot.read(dem)
     cell = start.one_cell(terrain, "--start")
+    with told_if_slow("costs of the map"):
+        ground = robot.of(terrain)
+        cost = cost_of(terrain, ground.limits)
+    mobility = ground.mobility
+    assert mobility is not None
     step_cost = "energy" if measure == "energy" else robot.step_cost
     if measure == "time" and not in_seconds:
-        mobility = robot.mobility(terrain)
         step_cost = "time" if mobility.time else "tobler"
         if mobility.time is None and mobility.tobler is None:
             raise click.UsageError(
                 "nobody walks there at the speeds of Tobler's function: for --within-time give "
                 "--vehicle or --mobility, or --step-cost tobler to count a walker's all the same"
             )
-    ground = replace(robot, step_cost=step_cost).of(terrain)
-    cost = cost_of(terrain, ground.limits)
+    ground = replace(ground, step_cost=step_cost)
     planner = Planner(priced(ground, cost), **steps)
     if problem := problem_with(planner.state.grid, cell, cell):
         refuse(problem, cell, cell, Near.of(terrain, ground, cost, planner))
@@ -159,8 +162,8 @@ def command(
         write_all(dict(zip(paths, contents, strict=True)))
     lines: dict[str, object] = {"map": size_in_words(terrain), "start": cell}
     if measure == "time":
-        walker = ground.mobility.model(step_cost) if ground.mobility else None
-        on_foot = f"of a walker, by {walker.function}" if walker and step_cost != "time" else ""
+        walker = mobility.model(step_cost)
+        on_foot = f"of a walker, by {walker.function}" if step_cost != "time" else ""
         lines["speeds"] = on_foot or "of the vehicle"
     lines["ways"] = _TOO_LONG[ground.vehicle is not None and not ground.vehicle.is_disc]
     for level, cells, area in map(dict.values, found.areas):

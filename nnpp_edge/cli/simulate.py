@@ -120,7 +120,8 @@ def command(
         )
         dem = sample_path(_SAMPLE)
         robot = replace(robot, rescale=robot.rescale or cell_m)
-    whole = robot.read(dem)
+    with told_if_slow(f"reading {dem}"):
+        whole = robot.read(dem)
     rng = np.random.default_rng([seed, 3])
     factor = known.factor if known else 1
     rows, cols = (min(size, side) // factor * factor for side in whole.shape)
@@ -150,11 +151,12 @@ def command(
         rng = np.random.default_rng([seed, 4])
         width = whole.cell_width_m
         true = with_rocks(heights, whole.cell_size_m, rocks, rng, cell_width_m=width)
-    actual = robot.of(replace(whole, elevation=true))
-    if known is None:
-        ground = SurveyedGround.of(actual, _SURVEY if body is None else 1, heights)
-    else:
-        ground = SurveyedGround.of_known(actual, *known)
+    with told_if_slow("preparing the ground"):
+        actual = robot.of(replace(whole, elevation=true))
+        if known is None:
+            ground = SurveyedGround.of(actual, _SURVEY if body is None else 1, heights)
+        else:
+            ground = SurveyedGround.of_known(actual, *known)
     ground = replace(ground, origin=(row, col), north_deg=whole.north_deg)
     if start and goal:
         begin, end = map(tuple, (ends - (row, col)).tolist())
@@ -187,7 +189,9 @@ def command(
         save_picture(picture, drive_picture(ground, drive))
     part = {"row": row, "col": col, "rows": rows, "cols": cols}
     result = drive.summary() | part
-    result |= {"start": ground.in_file(drive.start), "goal": ground.in_file(drive.goal)}
+    for name, cell in (("start", drive.start), ("goal", drive.goal)):
+        in_file = ground.in_file(cell)
+        result |= {name: in_file, f"{name}_xy": whole.map_coordinates(*in_file)}
     result["files"] = written
     tell(as_json, result, lambda: text(drive, result, whole.source.name))
     if drive.forbidden or not (drive.reached or endless):
@@ -206,6 +210,9 @@ def text(drive: "Drive", result: dict[str, Any], name: str) -> str:
         ended: f"{drive.method}, {result['start']} to {result['goal']}",
         "map": "{rows} × {cols} cells of {name}, from cell ({row}, {col}) on".format(
             **result, name=name
+        ),
+        "in x, y": "({:.9g}, {:.9g}) to ({:.9g}, {:.9g})".format(
+            *result["start_xy"], *result["goal_xy"]
         ),
         "ticks": f"{ticks.ticks}: {ticks.planned} planned, {ticks.kept} kept their path, "
         f"{ticks.failed} without one",

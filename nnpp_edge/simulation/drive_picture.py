@@ -130,15 +130,17 @@ def _frame(scene: Scene, message: PathMessage) -> Picture:
         scene.robot,
         scene.goal,
         lines=lines,
-        outlines=_bodies(robot, message.path),
+        outlines=_bodies(robot, message.path, message.headings_deg),
         begin="robot",
         least=_FRAME_PIXELS,
     )
 
 
-def _bodies(robot: Robot, path: Line) -> list[Floats]:
-    """(5, 2) outlines of the robot's body along a path, rows and columns; none of a point."""
-    return [] if robot.vehicle is None else body_outlines(path, robot.vehicle, robot.sides_m)
+def _bodies(robot: Robot, path: Line, headings_deg: Line | None = None) -> list[Floats]:
+    """As `body_outlines`; none of a point."""
+    if robot.vehicle is None:
+        return []
+    return body_outlines(path, robot.vehicle, robot.sides_m, headings_deg)
 
 
 def _palette(picture: Picture) -> "Image":

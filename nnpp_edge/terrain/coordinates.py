@@ -32,6 +32,9 @@ _GRAVITY = {
     482_000.0: 0.28,  # Ceres
     2_575_000.0: 1.35,  # Titan
 }
+_SAMPLES = Path(__file__).parent / "samples"
+_OF_SAMPLES = {"earth": 9.80665, "moon": 1.62, "mars": 3.71}
+"""m/s², by how the names of samples begin: they lie in no coordinate system."""
 """m/s² by the semi-major axis of a body."""
 _SAME_BODY = 0.007
 """Share by which radii of a body differ: Mars has 3,376.2 km at its poles."""
@@ -98,9 +101,11 @@ def on_earth(place: Place) -> bool:
 
 
 def gravity_of(place: Place) -> float | None:
-    """m/s² on the body that a map's coordinate system lies on; None where it names none, or one
-    that is not known.
+    """m/s² on the body that a map's coordinate system lies on, or a sample's name says; None where
+    neither names one that is known.
     """
+    if place.source.parent == _SAMPLES:
+        return _OF_SAMPLES[place.source.name.partition("_")[0]]
     if place.georeference is None or place.georeference.crs is None:
         return None
     ellipsoid = _system_of(place.georeference, place.source).ellipsoid

@@ -163,19 +163,18 @@ class Route:
         feature = {"type": "Feature", "geometry": geometry, "properties": properties}
         return feature | named_crs(self.dem)
 
-    def gpx(self, name: str, stops: Sequence[Cell]) -> bytes:
-        """A GPX 1.1 track, and its stops (row, col), from start to goal, as way points;
+    def gpx(self, name: str, stops: Sequence[tuple[str, Cell]]) -> bytes:
+        """A GPX 1.1 track, and its stops with their names, from start to goal, as way points;
         InvalidQueryError for a map off the Earth.
         """
-        cells = np.array(stops, np.float64)
-        names = ["start", *(f"via {at}" for at in range(1, len(stops) - 1)), "goal"]
+        cells = np.array([cell for _, cell in stops], np.float64)
         points = places_of(self.dem, np.concatenate((cells, self.along.points)))
         lonlat = lonlat_of(self.dem, points).tolist()
         out = [
             '<?xml version="1.0" encoding="UTF-8"?>',
             '<gpx version="1.1" creator="nnpp-edge" xmlns="http://www.topografix.com/GPX/1/1">',
         ]
-        for stop, (lon, lat) in zip(names, lonlat, strict=False):
+        for (stop, _), (lon, lat) in zip(stops, lonlat, strict=False):
             out.append(f'<wpt lat="{lat:.8f}" lon="{lon:.8f}"><name>{escape(stop)}</name></wpt>')
         out.append(f"<trk><name>{escape(name)}</name><trkseg>")
         for (lon, lat), height in zip(lonlat[len(stops) :], self.along.heights_m, strict=True):

@@ -236,7 +236,9 @@ def file_of(dem: Dem, asked: Asked, plan: Plan, cost: Float2D, form: str) -> byt
     names = ("status", "method", "source", "cost", *plan.numbers._fields)
     figures = {name: told[name] for name in names}
     if form == "gpx":
-        return route.gpx("nnpp-edge view", (asked.start, *asked.via, asked.goal))
+        via = ((f"via {number}", cell) for number, cell in enumerate(asked.via, 1))
+        stops = [("start", asked.start), *via, ("goal", asked.goal)]
+        return route.gpx("nnpp-edge view", stops)
     return route.geopackage(figures) if form == "gpkg" else route.geojson(figures)
 
 

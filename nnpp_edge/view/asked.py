@@ -79,8 +79,8 @@ class Site:
 
         A body without a vehicle, which has a mobility alone, takes the place of the point.
         """
-        bodies = {POINT: Body(None, Mobility())}
         gravity = gravity_of(dem)
+        bodies = {POINT: Body(None, Mobility() if gravity is None else Mobility().under(gravity))}
         for name in () if blocks else shipped_vehicles():
             bodies[name] = Body(
                 load_vehicle(name), load_mobility(name, gravity), ("--vehicle", name)

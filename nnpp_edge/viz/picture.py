@@ -294,7 +294,6 @@ def plan_picture(
     *,
     via: Sequence[Cell] = (),
     reference_path: Line | None = None,
-    length_m: float | None = None,
     outlines: Sequence[Line] = (),
     refused: Shade | None = None,
     point_path: Cells | None = None,
@@ -313,8 +312,6 @@ def plan_picture(
         Places between, in the order in which they are visited.
     reference_path : (N, 2) int
         The exact optimum, drawn wider and below the path: both are seen where they agree.
-    length_m : float
-        For the legend; without it that gives the length in cells.
     outlines : sequence of (N, 2) float
         Of a vehicle along the path, rows and columns, from `body_outlines`; left out where they
         would be dots.
@@ -338,7 +335,7 @@ def plan_picture(
         outlines=outlines,
         ended=ended,
         part=chart.around(np.concatenate([np.array(stops, np.float64), *drawn])),
-        facts=_facts(plan, length_m),
+        facts=_facts(plan),
     )
 
 
@@ -457,7 +454,7 @@ def _lines(plan: Plan, reference_path: Line | None, point_path: Line | None) -> 
     yield Drawn(plan.line, PATH, 3.5, words)
 
 
-def _facts(plan: Plan, length_m: float | None) -> Iterator[str]:
+def _facts(plan: Plan) -> Iterator[str]:
     """Lines of the legend about the plan."""
     yield plan.method if plan.source is None else f"{plan.method} ({plan.source})"
     if not plan.ok:
@@ -466,8 +463,10 @@ def _facts(plan: Plan, length_m: float | None) -> Iterator[str]:
         yield f"cost {_number(plan.cost)}"
         if plan.waypoints is not None:
             yield f"line integral {_number(plan.line_cost)}"
-        cells = f"{_number(plan.length)} cells"
-        yield cells if length_m is None else f"length {metres(length_m)}"
+        if plan.along is None:
+            yield f"{_number(plan.length)} cells"
+        else:
+            yield f"length {metres(float(plan.along.distance_m[-1]))}"
     if "total" in plan.timings_ms:
         yield f"{_number(plan.timings_ms['total'])} ms"
 

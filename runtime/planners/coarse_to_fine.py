@@ -25,6 +25,7 @@ from nnpp_edge.runtime.search.landmarks import Landmarks
 from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.tuning import (
+    BODY_BAND_UP_TO,
     CELLS_APART,
     LANDMARK_PATIENCE,
     LEVEL_LANDMARKS,
@@ -207,7 +208,10 @@ class CoarseToFine:
         for number in range(top, 0, -1):
             coarse = self.coarse_levels[number - 1]
             radius = width.radius
-            band = width.band + FACTOR * width.nearby / max(query.apart, FACTOR)
+            band = width.band
+            if self._by_poses and query.apart > BODY_BAND_UP_TO:
+                band *= math.sqrt(BODY_BAND_UP_TO / query.apart)
+            band += FACTOR * width.nearby / max(query.apart, FACTOR)
             if number > 1:
                 radius = radius + width.coarse_radius
                 band = band + width.coarse_band

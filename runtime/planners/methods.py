@@ -189,8 +189,9 @@ class Methods:
         if problem := problem_with(state.grid, query.start, query.goal):
             return Plan(problem, wanted.base, planner=wanted, reason=told(problem, query, robot))
         checked_before = state.checked
+        large = max(state.shape) >= LARGE_MAP and not wanted.whole_map
         try:
-            with nullcontext() if state.unseen is None else small_pages():
+            with small_pages() if large or state.unseen is not None else nullcontext():
                 for by, why, find in ways:
                     if (found := find(query, work)) is not None:
                         break

@@ -323,3 +323,10 @@ def test_who_gave_a_wrong_place_does_not_wait(run, hills, monkeypatch):
         ):
             ended = run(f"plan hills.npz --start {start} --goal {goal} {limit}")
             ended.refused(f"{words} lies outside the map of 80 × 90 cells")
+
+
+def test_what_is_likely_is_said_where_more_is_not_proven(run, hills):
+    words = f"plan hills.npz {ENDS} --method corridor"
+    assert "likely within 2 % of the optimum, proven to be at most" in run(words).out
+    proven = run(f"{words} --epsilon 0.01").out
+    assert "likely" not in proven and ("proven" in proven or "the optimum" in proven)

@@ -179,7 +179,7 @@ def test_a_path_leads_by_way_of_places_in_the_order_given_or_in_the_best(run, to
     places = [cells.index(tuple(stop)) for stop in best["via"]["stops"]]
     assert places == sorted(places)
     names = pyogrio.raw.read("out/path.gpx", layer="waypoints", columns=["name"])[3][0]
-    assert names.tolist() == ["start", "via 1", "via 2", "via 3", "goal"]
+    assert names.tolist() == ["start", "via 2", "via 3", "via 1", "goal"]
     saved = f"{100.0 * (1.0 - best['cost'] / given['cost']):.3g} % less than in the order given"
     assert f"2 (12, 30), 3 (40, 50), 1 (60, 70): {saved}" in run(f"{words} --best-order").out
     words = f"{PLAN} --via 12,30 --via 40,50 --best-order"
@@ -241,10 +241,14 @@ def test_nobody_walks_on_another_body_unless_that_is_asked_for(run, told, tmp_pa
         raster_bytes(tmp_path, heights, Dem(heights, 2.0, 2.0, moon, tmp_path))
     )
     words = f"plan moon.tif {ENDS}"
-    assert told(words)["time_s"] is None and "on foot" not in run(words).out
+    for unasked in (words, "plan sample:moon_rocks --start 60,9 --goal 60,113"):
+        assert told(unasked)["time_s"] is None and "on foot" not in run(unasked).out
+    assert told("plan sample:earth_hummocks --start 9,9 --goal 60,60")["time_s"] > 0.0
     assert told(f"{words} --step-cost tobler")["time_s"] > 0.0
     assert "at the vehicle's speeds" in run(f"{words} {BODY}").out
     run("reach moon.tif --start 5,5 --within-time 5min").refused("--step-cost tobler")
+    by_energy = "reach moon.tif --start 5,5 --within-energy 90kJ --mobility large-rover"
+    assert run(by_energy).err.count("the gravity of the map's body") == 1
     asked = run("reach moon.tif --start 5,5 --within-time 5min --step-cost tobler")
     assert "speeds" in asked.out and "of a walker, by Tobler's function" in asked.out
 

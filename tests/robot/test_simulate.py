@@ -433,6 +433,7 @@ def test_both_ends_lie_well_inside_the_part_that_is_cut_out_and_are_named_as_in_
         told = nnpp_edge(*words, "--goal", "50,60", "--seed", seed).json
         ends = np.array((told["start"], told["goal"]))
         assert ends.tolist() == [[40, 50], [50, 60]]
+        assert told["start_xy"] == pytest.approx([50 * 0.16, 40 * 0.16])
         from_corner = ends - (told["row"], told["col"])
         insides.append(min(from_corner.min(), 49 - from_corner.max()))
     assert min(insides) >= 4 and np.median(insides) >= 12

@@ -7,6 +7,7 @@ import math
 import os
 import resource
 import weakref
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -25,7 +26,9 @@ from nnpp_edge.runtime.memory import (
     touch,
     virtual_zeros,
 )
+from nnpp_edge.runtime.planners import methods
 from nnpp_edge.runtime.terrain.step_cost import StepModel
+from nnpp_edge.runtime.tuning import LARGE_MAP
 
 
 def test_memory_is_there_values_stay_and_what_may_not_be_written_is_left_alone():
@@ -139,6 +142,26 @@ def test_huge_pages_are_off_for_a_while():
     with small_pages():
         assert off() == 1
     assert off() == 0
+
+
+def test_a_corridor_of_a_large_map_has_small_pages(monkeypatch):
+    begun = []
+
+    @contextmanager
+    def noted():
+        begun.append(True)
+        yield
+
+    monkeypatch.setattr(methods, "small_pages", noted)
+    for cols, method, expected in (
+        (LARGE_MAP, "corridor", 1),
+        (LARGE_MAP, "astar", 0),
+        (LARGE_MAP // 2, "corridor", 0),
+    ):
+        begun.clear()
+        plan = Planner(np.zeros((16, cols), np.float32)).plan((2, 2), (9, 99), method=method)
+        assert plan.ok
+        assert len(begun) == expected
 
 
 def test_a_map_too_large_for_memory_is_refused_before_anything_is_allocated(monkeypatch):

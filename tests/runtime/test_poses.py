@@ -23,6 +23,7 @@ from nnpp_edge.runtime import (
 )
 from nnpp_edge.runtime.kernels.nodes import STAMP_SHIFT
 from nnpp_edge.runtime.kernels.poses import AXIS_COUNT, FAILS, MOST_CODE, REFUSALS, check_run
+from nnpp_edge.runtime.planners import coarse_to_fine
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseLevel
 from nnpp_edge.runtime.robots.body import motions
 from nnpp_edge.runtime.robots.body.attitude import attitudes, costs_at, explain
@@ -596,3 +597,16 @@ def test_closed_links_are_opened_again_and_set_no_landmarks(gaps):
     assert coarse.landmarks is None
     coarse.open_dead_ends()
     np.testing.assert_array_equal(coarse.level.links, links)
+
+
+def test_to_a_far_goal_a_body_has_a_narrower_corridor(monkeypatch):
+    rows, cols = np.mgrid[:160, :500]
+    heights = (0.4 * np.sin(rows / 9.0) * np.cos(cols / 13.0)).astype(np.float32)
+    plans = []
+    for up_to in (150, math.inf):
+        monkeypatch.setattr(coarse_to_fine, "BODY_BAND_UP_TO", up_to)
+        made = Planner.of_elevation(heights, 1.0, vehicle=Vehicle(2.4, 1.2, 0.3))
+        plans.append(made.plan((80, 20), (80, 480), method="corridor", keep_regions=True))
+    narrow, wide = plans
+    assert narrow.region.mask().sum() < 0.9 * wide.region.mask().sum()
+    assert narrow.cost == pytest.approx(wide.cost, rel=1e-3)

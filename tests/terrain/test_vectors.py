@@ -210,12 +210,12 @@ def test_no_path_is_a_geopackage_without_a_line_and_a_gpx_without_points(tmp_pat
     empty = route(cells=())
     (tmp_path / "a.gpkg").write_bytes(empty.geopackage({"status": "NO_PATH", "cost": None}))
     assert pyogrio.raw.read(tmp_path / "a.gpkg")[2].tolist() == [None]
-    tree = ElementTree.fromstring(empty.gpx("a way", [(3, 4)]))
+    tree = ElementTree.fromstring(empty.gpx("a way", [("start", (3, 4))]))
     assert [each.tag.rpartition("}")[2] for each in tree] == ["wpt", "trk"]
 
 
 def test_gpx_holds_the_track_where_the_map_lies_on_the_earth(tmp_path):
-    (tmp_path / "a.gpx").write_bytes(route().gpx("a <way>", [(3, 4), (4, 6)]))
+    (tmp_path / "a.gpx").write_bytes(route().gpx("a <way>", [("camp", (3, 4)), ("goal", (4, 6))]))
     _, _, shapes, (heights,) = pyogrio.raw.read(
         tmp_path / "a.gpx",
         layer="track_points",
@@ -225,9 +225,9 @@ def test_gpx_holds_the_track_where_the_map_lies_on_the_earth(tmp_path):
     lon, lat = lonlat_of(dem(), places_of(dem(), np.array([(3.0, 4.0)])))[0]
     assert (x, y) == (pytest.approx(lon, abs=1e-8), pytest.approx(lat, abs=1e-8))
     names = pyogrio.raw.read(tmp_path / "a.gpx", layer="waypoints", columns=["name"])[3][0].tolist()
-    assert names == ["start", "goal"] and heights.tolist() == [4.0, 5.0, 6.0]
+    assert names == ["camp", "goal"] and heights.tolist() == [4.0, 5.0, 6.0]
     with pytest.raises(InvalidQueryError, match="on the Earth"):
-        route(Georeference(MOON, PLACE.transform)).gpx("a way", [(3, 4)])
+        route(Georeference(MOON, PLACE.transform)).gpx("a way", [("start", (3, 4))])
 
 
 def crs_of_geojson(place, folder):

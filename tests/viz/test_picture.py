@@ -191,6 +191,9 @@ def test_bodies_lie_along_the_path_and_point_ahead(vehicle, sides, step):
         np.testing.assert_allclose(np.abs(around @ ahead).max(), long / 2.0)
         left = (-ahead[1], ahead[0])
         np.testing.assert_allclose(np.abs(around @ left).max(), wide / 2.0)
+    backwards = np.full(60, np.degrees(np.arctan2(metres[1], -metres[0])) + 180.0)
+    front, *_, middle = body_outlines(path, vehicle, sides, backwards)[0] * sides
+    np.testing.assert_allclose(front - middle, -ahead * long / 2.0, atol=1e-9)
     assert body_outlines(path[:1], vehicle, sides) == []
 
 

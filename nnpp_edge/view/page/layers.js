@@ -15,7 +15,7 @@ const TABLES = {
   relief: table((value) => (value === 0 ? [250, 250, 250, 255] : [105 + 0.6 * value, 105 + 0.6 * value, 105 + 0.6 * value, 255])),
   slope: table((value) => [0, 114, 178, 0.9 * value]),
   cost: table((value) => (value === 255 ? [...BROWN, 230] : [156, 107, 30, 0.9 * value])),
-  region: table((value) => [0, 114, 178, 0.45 * value]),
+  region: table((value) => [0, 114, 178, 0.3 * value]),
 };
 
 // The colours of ground where the vehicle stands in no heading, by the limit that refuses it.

@@ -403,6 +403,10 @@ def unit_of(step_cost: str) -> str:
     return SLOPE_COSTS[step_cost].unit if step_cost in SLOPE_COSTS else ""
 
 
+_EARTH = 9.80665
+"""m/s²."""
+
+
 @checked(InvalidQueryError)
 @dataclass(frozen=True)
 class Mobility:
@@ -411,19 +415,19 @@ class Mobility:
     """
 
     tobler: ToblerCost | None = ToblerCost()
-    """None where nobody walks."""
+    """None where nobody walks, off the Earth, unless that is the step cost."""
     linear: LinearCost = LinearCost()
     time: TimeCost | None = None
     energy: EnergyCost | None = None
     irmischer: IrmischerCost = IrmischerCost()
 
     def under(self, gravity_m_s2: float) -> "Mobility":
-        """This model under another gravity, on which energy depends."""
-        return (
-            self
-            if self.energy is None
-            else replace(self, energy=replace(self.energy, gravity_m_s2=gravity_m_s2))
-        )
+        """This model under another gravity, on which energy depends, and whether anybody walks by
+        default.
+        """
+        energy = self.energy and replace(self.energy, gravity_m_s2=gravity_m_s2)
+        walks = gravity_m_s2 == _EARTH or self.tobler != ToblerCost()
+        return replace(self, energy=energy, tobler=self.tobler if walks else None)
 
     def model(self, step_cost: str) -> SlopeCost:
         """The model of that ``step_cost``; InvalidQueryError where there is none, or its table is
@@ -434,6 +438,8 @@ class Mobility:
                 f"step_cost must be one of paper, {', '.join(SLOPE_COSTS)}, got {step_cost!r}"
             )
         found: SlopeCost | None = getattr(self, step_cost)
+        if step_cost == "tobler":
+            found = found or ToblerCost()
         if found is None:
             wanted = (
                 "slope_deg and speed_m_s"
