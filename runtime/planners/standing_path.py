@@ -34,7 +34,7 @@ from nnpp_edge.runtime.kernels.paths import remember, savings
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.runtime.robots.body.arcs import POSES_EVERY_M
-from nnpp_edge.runtime.tuning import JOIN_WITHIN, MOST_LOGGED_CHANGES, ON_ARC_DEG
+from nnpp_edge.runtime.tuning import JOIN_WITHIN, MOST_LOGGED_CHANGES, ON_ARC, ON_ARC_DEG
 
 Departure = tuple[Cell, float]
 """A cell, and the heading in degrees in which a body leaves it."""
@@ -219,13 +219,19 @@ class StandingPath:
             return None
         poses = plan.drive.poses
         sides_m = plan.along.sides_m
-        down, right = poses[:, 1::-1].T - np.multiply((row, col), sides_m)[:, None]
+        offsets = poses[:, 1::-1] - np.multiply((row, col), sides_m)
         turned = np.abs((poses[:, 2] - heading_deg + 180.0) % 360.0 - 180.0)
-        near = (np.hypot(down, right) <= max(*sides_m, POSES_EVERY_M)) & (turned <= ON_ARC_DEG)
-        near &= plan.drive.steps >= self._passed
+        within_m = ON_ARC * max(*sides_m, POSES_EVERY_M)
+        away = np.hypot(*offsets.T) / within_m + turned / ON_ARC_DEG
+        leaving = np.append(plan.drive.steps[1:], len(plan.path) - 1)
+        near = (away <= 1.0) & (leaving >= self._passed)
         if not near.any():
             return None
-        index = int(plan.drive.steps[near.argmax()])
+        # the nearest pose of the first piece that is near: after a change of gear the path may
+        # lead along itself
+        first = int(near.argmax())
+        farther = np.append(np.diff(away[first:]) > 0.0, True)
+        index = int(leaving[first + farther.argmax()])
         self._passed = index
         if self._grid.walk(plan.walked[index : index + 2], 0, self._scratch) >= 0:
             return None
