@@ -47,7 +47,7 @@ NEAR_M = 0.4
 """To the goal, where it counts as reached."""
 GIVE_UP_S = 90.0
 OLD_S = 0.3
-COUNTERS = "ticks planned kept failed overruns skipped tick_ms degraded".split()
+COUNTERS = ["ticks", "planned", "kept", "failed", "overruns", "skipped", "tick_ms", "degraded"]
 
 
 class World:
@@ -143,8 +143,7 @@ class Follower:
             bend = beside(target, before)[2] / chord * gear if chord > 1e-3 else 0.0
             # where it ought to be: as far along the arc as it has come, from its end back
             yaw = target[2] - gear * bend * min(left_m, chord)
-            _, aside, turned = beside(pose, np.array((*target[:2], yaw)))
-            _, aside, _ = beside(pose, _on_arc(target, yaw, gear, min(left_m, chord)))
+            _, aside, turned = beside(pose, _on_arc(target, yaw, gear, min(left_m, chord)))
             wanted = bend - aside / WITHIN_M**2 - 2.0 * gear * turned / WITHIN_M
             wanted = float(np.clip(wanted, -1.0 / RADIUS_M, 1.0 / RADIUS_M))
             step = min(length, left_m)
@@ -358,7 +357,7 @@ def drive(link, minutes, seed):
     robot = np.zeros(3)
     follower = Follower()
     sent = [(0.0, np.zeros((CELLS, CELLS), bool))]  # blocked, as the robot has sent it
-    counts = dict.fromkeys("goals given_up paths empty failing windows".split(), 0)
+    counts = dict.fromkeys(["goals", "given_up", "paths", "empty", "failing", "windows"], 0)
     counts["metres"] = 0.0
 
     def check(poses):
