@@ -462,16 +462,7 @@ def main():
         loop = subprocess.Popen(command, env=environment)
         while asked.without_ros and not Path(place).exists() and loop.poll() is None:
             time.sleep(0.1)
-        robot = [
-            *(
-                [sys.executable, os.environ["TRACE"], "--place", place]
-                if "TRACE" in os.environ
-                else drives
-            ),
-            *sys.argv[1:],
-            "--process",
-            "robot",
-        ]
+        robot = [*drives, *sys.argv[1:], "--process", "robot"]
         code = subprocess.run(robot, env=environment).returncode
         loop.terminate()
         sys.exit(code or loop.wait(10.0))
