@@ -512,7 +512,12 @@ def test_a_service_and_actions_plan_as_nav2_asks(node, peer):
     plan = poses_of(peer.ask("get_plan", "nav_msgs/srv/GetPlan", own)["plan"])
     assert np.hypot(*(plan[0, :2] - (1.0, 1.0))) < 0.25
     blocked = {"goal": stamped(7.6, 1.0)}
-    assert peer.ask("get_plan", "nav_msgs/srv/GetPlan", blocked)["plan"]["poses"] == []
+    for tolerance_m, ends_m in ((0.0, None), (0.2, None), (0.6, (0.2, 0.6))):
+        asked = blocked | {"tolerance": tolerance_m}
+        plan = poses_of(peer.ask("get_plan", "nav_msgs/srv/GetPlan", asked)["plan"])
+        assert bool(len(plan)) == bool(ends_m)
+        if ends_m:  # beside the wall, as near to the goal as the disc can be
+            assert ends_m[0] < np.hypot(*(plan[-1, :2] - (7.6, 1.0))) < ends_m[1]
 
     kind = "nav2_msgs/action/ComputePathToPose"
 
