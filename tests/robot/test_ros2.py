@@ -13,13 +13,19 @@ import threading
 import time
 from contextlib import closing
 from pathlib import Path
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
 
+from geometry_msgs.msg import PoseStamped
+
+from nnpp_edge.robot.ros2.frames import Place
+from nnpp_edge.robot.ros2.questions import Questions
 from nnpp_edge.ros.maps import GridMap, MapFrame
+from nnpp_edge.runtime import DynamicPlanner, Ground, Navigator
 from tests.robot.conftest import wait_until
 from tests.robot.ros2_types import built
 
@@ -557,28 +563,62 @@ def test_a_service_and_actions_plan_as_nav2_asks(node, peer):
     assert act("compute_path_through_poses", through)["error_code"] == 309
 
 
-def test_a_flood_of_poses_and_a_restart_change_nothing(node, peer):
+def test_a_planner_for_a_plan_that_is_asked_for_is_not_made_in_the_loops_thread(monkeypatch):
+    threads = []
+    made = DynamicPlanner.__setstate__
+
+    def noted(self, state):
+        threads.append(threading.current_thread())
+        made(self, state)
+
+    monkeypatch.setattr(DynamicPlanner, "__setstate__", noted)
+    cost = np.full((40, 60), 0.1, np.float32)
+    navigator = Navigator(Ground(cost), "astar")
+    node = MagicMock()
+    node.own.global_frame = "map"
+    source = MagicMock(frame=MapFrame(0.25, frame_id="map"), robot=Place(1.0, 1.0, 0.0))
+    questions = Questions(node, source, MagicMock(now_ns=0))
+    questions.begin(navigator)
+    given = []
+    goal = PoseStamped()
+    goal.header.frame_id = "map"
+    node.frames.place.return_value = Place(14.0, 1.0, 0.0)
+    asking = threading.Thread(target=lambda: given.append(questions._between(None, goal)))
+    asking.start()
+    while asking.is_alive():  # as the loop does after each tick
+        questions.after_tick()
+        time.sleep(0.001)
+    questions.close()
+    assert len(given[0].poses) and threads == [asking]
+
+
+def test_of_a_flood_of_poses_the_newest_counts_and_a_restart_changes_nothing(node, peer):
     node.map(hall())
-    node.run(radius_m=0.3)
+    node.run(radius_m=0.3, odom_timeout_s=3.0)
+    node.odom(1.0, 1.0)
+    node.goal(14.0, 1.0)
+    assert len(node.path())
     before = counted(node)
+    peer.send("silence", "odom", "")
     peer.send(
         "flood",
         "odom",
         "nav_msgs/msg/Odometry",
         count=10_000 * FLOOD_S,
         rate_hz=10_000,
+        x=(1.0, 5.0),
         message={"header": {"frame_id": "map"}, "pose": {"pose": pose(1.0, 1.0)}},
     )
     flooded_s = peer.wait("odom flooded", patience_s=60.0)
+    node.path(lambda poses: len(poses) and np.hypot(*(poses[0, :2] - (5.0, 1.0))) < 0.25)
     after = counted(node, flooded_s + before["at"])
     seconds = after["at"] - before["at"]
+    print(f"{10_000 * FLOOD_S / flooded_s:.0f} poses a second, counters {before} {after}")
     assert flooded_s < 1.5 * FLOOD_S
     assert after["ticks"] - before["ticks"] > 0.9 * 17.0 * seconds
     assert after["overruns"] - before["overruns"] <= 2
-    node.odom(1.0, 1.0)
-    node.goal(14.0, 1.0)
-    assert len(node.path())
 
+    node.odom(1.0, 1.0)
     node.kill()
     peer.heard["plan"].clear()
     node.start("-p", "radius_m:=0.3")

@@ -26,6 +26,8 @@ from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
 if TYPE_CHECKING:
     from nnpp_edge.robot.ros2.node import PlannerNode
 
+_Copy = tuple[bytes, list[bytearray]]
+"""A pickled planner, and its arrays, which pickling them along would take several times as long."""
 _PLANNERS = ("", "nnpp_edge", "GridBased")
 """Names that requests may have for the planner; the last is that of Nav2's trees."""
 _ERRORS = {
@@ -64,7 +66,7 @@ class Questions:
         self._source = source
         self._sink = sink
         self._navigator: Navigator | None = None
-        self._copies: deque[Future[bytes]] = deque()
+        self._copies: deque[Future[_Copy]] = deque()
         """That are wanted of the loop's planner."""
         self._worker = ThreadPoolExecutor(1, "nnpp-edge questions")
         self._service = node.create_service(GetPlan, "get_plan", self._get_plan)
@@ -85,7 +87,9 @@ class Questions:
         layers: a planner is made of them where it is wanted.
         """
         while self._copies and self._navigator is not None:
-            self._copies.popleft().set_result(pickle.dumps(self._navigator.planner))
+            arrays: list[pickle.PickleBuffer] = []
+            rest = pickle.dumps(self._navigator.planner, 5, buffer_callback=arrays.append)
+            self._copies.popleft().set_result((rest, list(map(bytearray, arrays))))
 
     def close(self) -> None:
         """Answer nothing more."""
@@ -202,12 +206,13 @@ class Questions:
         the nearest cell that can be reached, if that is so near.
         """
         until = time.monotonic() + _PATIENCE_S
-        wanted: Future[bytes] = Future()
+        wanted: Future[_Copy] = Future()
         self._copies.append(wanted)
         try:
-            planner: DynamicPlanner = pickle.loads(wanted.result(_PATIENCE_S))
+            rest, arrays = wanted.result(_PATIENCE_S)
         except TimeoutError:
             return _failed(Status.TIMEOUT, "the loop does not run, or is busy")
+        planner: DynamicPlanner = pickle.loads(rest, buffers=arrays)
         frame = self._source.frame
         assert frame is not None
         legs: list[Floats] = []
