@@ -20,12 +20,17 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseStamped
 
+from nnpp_edge.robot.ros2.answers import RosSink
 from nnpp_edge.robot.ros2.frames import Place
 from nnpp_edge.robot.ros2.questions import Questions
 from nnpp_edge.ros.maps import GridMap, MapFrame
-from nnpp_edge.runtime import DynamicPlanner, Ground, Navigator
+from nnpp_edge.runtime import Counters, DynamicPlanner, Ground, Navigator
+from nnpp_edge.runtime.errors import Status
+from nnpp_edge.runtime.loop.messages import StatusMessage
+from nnpp_edge.runtime.map.kinds import map_state
 from tests.robot.conftest import wait_until
 from tests.robot.ros2_types import built
 
@@ -276,7 +281,8 @@ def peer(environment):
 
 @pytest.fixture(scope="module")
 def process(environment, peer):
-    node = Node(environment, peer, "-p", "autostart_node:=false")
+    node = Node(environment, peer, "-p", "autostart_node:=false", "-p", "radius:=1.0")
+    node.said("radius was set, and there is no such parameter")
     yield node
     assert node.close() == 0
 
@@ -561,6 +567,28 @@ def test_a_service_and_actions_plan_as_nav2_asks(node, peer):
     assert np.hypot(*(path[:, :2] - (3.0, 8.0)).T).min() < 0.25
     assert np.hypot(*np.diff(path[:, :2], axis=0).T).max() < 0.4
     assert act("compute_path_through_poses", through)["error_code"] == 309
+
+
+def test_a_counter_that_has_grown_is_a_warning_and_the_first_counters_are_none():
+    sink = RosSink(MagicMock())
+    frame = MapFrame(0.25, frame_id="map")
+    sink.begin(MagicMock(frame=frame, refused={}), map_state(Ground(np.ones((4, 4), np.float32))))
+    sink._node.get_clock().now().to_msg.return_value = Time()
+    levels = []
+    for late in (0, 0, 1, 1):
+        counters = Counters(ticks=17, overruns=late, tick_ms={})
+        status = sink._diagnostics(StatusMessage(17, Status.OK, "OK by standing", counters))
+        levels.append(status.status[0].level)
+    assert levels == [b"\x00", b"\x00", b"\x01", b"\x00"]
+
+
+@pytest.mark.parametrize("words", [["foo"], ["-p", "rate_hz=10"], ["--params-file", "none.yaml"]])
+def test_arguments_that_ros_does_not_take_are_told_in_a_line(words):
+    command = [sys.executable, "-m", "nnpp_edge.cli.main", "ros", "--ros-args", *words]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
+    assert done.returncode == 2
+    assert done.stderr.splitlines()[-1].startswith("error: ROS takes no such arguments: ")
+    assert "Traceback" not in done.stderr
 
 
 def test_a_planner_for_a_plan_that_is_asked_for_is_not_made_in_the_loops_thread(monkeypatch):
