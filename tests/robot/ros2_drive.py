@@ -184,8 +184,8 @@ class RosLink:
         self._heard = []
         self.told = {}
         for kind, topic, hear in (
+            (Int8MultiArray, "plan_gears", self._on_gears),  # heard before the path they are of
             (Path, "plan", self._on_path),
-            (Int8MultiArray, "plan_gears", self._on_gears),
             (DiagnosticArray, "/diagnostics", self._on_diagnostics),
         ):
             self._node.create_subscription(kind, topic, hear, latched)

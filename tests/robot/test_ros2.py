@@ -372,7 +372,8 @@ def test_headings_are_exact_in_all_four_quadrants(node, peer, tmp_path, rows_alo
         yaws = np.degrees(np.arctan2(steps[:, 1], steps[:, 0]))
         middle = path[:-1, 2] + (path[1:, 2] - path[:-1, 2] + 180.0) % 360.0 / 2.0 - 90.0
         assert turned(middle, yaws).max() < 1.0
-        assert set(peer.heard["plan_gears"][-1]["data"]) == {1}
+        gears = peer.wait("plan_gears", lambda message, n=len(path): len(message["data"]) == n)
+        assert set(gears["data"]) == {1}
 
 
 def test_what_cannot_be_gone_to_or_understood_is_told_in_a_line_and_stops_who_follows(node, peer):
