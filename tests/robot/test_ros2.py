@@ -21,7 +21,8 @@ import pytest
 pytest.importorskip("rclpy")
 
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import PoseStamped
+from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.srv import GetPlan
 
 from nnpp_edge.robot.ros2.answers import RosSink
 from nnpp_edge.robot.ros2.frames import Place
@@ -571,15 +572,20 @@ def test_a_service_and_actions_plan_as_nav2_asks(node, peer):
 
 
 def test_a_counter_that_has_grown_is_a_warning_and_the_first_counters_are_none():
-    sink = RosSink(MagicMock())
+    node = MagicMock()
+    now = node.get_clock().now()
+    now.nanoseconds = 0
+    now.to_msg.return_value = Time()
+    publisher = node.create_lifecycle_publisher.return_value
+    publisher.get_subscription_count.return_value = 1
+    sink = RosSink(node)
     frame = MapFrame(0.25, frame_id="map")
     sink.begin(MagicMock(frame=frame, refused={}), map_state(Ground(np.ones((4, 4), np.float32))))
-    sink._node.get_clock().now().to_msg.return_value = Time()
-    levels = []
     for late in (0, 0, 1, 1):
-        counters = Counters(ticks=17, overruns=late, tick_ms={})
-        status = sink._diagnostics(StatusMessage(17, Status.OK, "OK by standing", counters))
-        levels.append(status.status[0].level)
+        counters = Counters(ticks=17, overruns=late)
+        sink.publish(StatusMessage(17, Status.OK, "OK by standing", counters))
+    published = [call.args[0] for call in publisher.publish.call_args_list]
+    levels = [each.status[0].level for each in published if isinstance(each, DiagnosticArray)]
     assert levels == [b"\x00", b"\x00", b"\x01", b"\x00"]
 
 
@@ -592,6 +598,7 @@ def test_arguments_that_ros_does_not_take_are_told_in_a_line(words):
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.filterwarnings("ignore:module 'sre_parse':DeprecationWarning")  # of rclpy's import
 def test_a_planner_for_a_plan_that_is_asked_for_is_not_made_in_the_loops_thread(monkeypatch):
     threads = []
     made = DynamicPlanner.__setstate__
@@ -608,17 +615,17 @@ def test_a_planner_for_a_plan_that_is_asked_for_is_not_made_in_the_loops_thread(
     source = MagicMock(frame=MapFrame(0.25, frame_id="map"), robot=Place(1.0, 1.0, 0.0))
     questions = Questions(node, source, MagicMock(now_ns=0))
     questions.begin(navigator)
-    given = []
-    goal = PoseStamped()
-    goal.header.frame_id = "map"
     node.frames.place.return_value = Place(14.0, 1.0, 0.0)
-    asking = threading.Thread(target=lambda: given.append(questions._between(None, goal)))
-    asking.start()
-    while asking.is_alive():  # as the loop does after each tick
-        questions.after_tick()
-        time.sleep(0.001)
+    answer = node.create_service.call_args.args[2]
+    asked = answer(GetPlan.Request(), GetPlan.Response())
+    with pytest.raises(StopIteration) as answered:
+        while True:
+            asked.send(None)  # as the executor does
+            questions.after_tick()  # as the loop does
+            time.sleep(0.001)
     questions.close()
-    assert len(given[0].poses) and threads == [asking]
+    assert answered.value.value.plan.poses
+    assert len(threads) == 1 and threading.current_thread() not in threads
 
 
 def test_of_a_flood_of_poses_the_newest_counts_and_a_restart_changes_nothing(node, peer):

@@ -105,17 +105,8 @@ def posed(x, y, yaw_deg):
     return found
 
 
-@pytest.fixture
-def frames(monkeypatch):
-    """A node's frames: camera on base_link on odom on map, and one that hangs on nothing."""
-    tf2_ros = ModuleType("tf2_ros")
-    tf2_ros.Buffer = Buffer
-    tf2_ros.TransformListener = lambda buffer, node: (buffer, node)
-    geometry = ModuleType("tf2_geometry_msgs")
-    geometry.do_transform_pose = do_transform_pose
-    monkeypatch.setitem(sys.modules, "tf2_ros", tf2_ros)
-    monkeypatch.setitem(sys.modules, "tf2_geometry_msgs", geometry)
-    made = Frames(SimpleNamespace(own=Own()))
+def listening(buffer, node):
+    """Put into a buffer what comes by /tf: base_link on odom on map, and another tree."""
     for parent, child, pose in (
         ("map", "odom", posed(10.0, 5.0, 90.0)),
         ("odom", "base_link", posed(2.0, 1.0, 45.0)),
@@ -126,8 +117,20 @@ def frames(monkeypatch):
         transform.transform.rotation = pose.orientation
         at = pose.position
         transform.transform.translation = Vector3(x=at.x, y=at.y, z=at.z)
-        made._buffer.set_transform_static(transform, "test")
-    return made
+        buffer.set_transform_static(transform, "test")
+
+
+@pytest.fixture
+def frames(monkeypatch):
+    """A node's frames by the stand-in."""
+    tf2_ros = ModuleType("tf2_ros")
+    tf2_ros.Buffer = Buffer
+    tf2_ros.TransformListener = listening
+    geometry = ModuleType("tf2_geometry_msgs")
+    geometry.do_transform_pose = do_transform_pose
+    monkeypatch.setitem(sys.modules, "tf2_ros", tf2_ros)
+    monkeypatch.setitem(sys.modules, "tf2_geometry_msgs", geometry)
+    return Frames(SimpleNamespace(own=Own()))
 
 
 @pytest.mark.parametrize(
