@@ -598,7 +598,7 @@ def test_arguments_that_ros_does_not_take_are_told_in_a_line(words):
     assert "Traceback" not in done.stderr
 
 
-@pytest.mark.filterwarnings("ignore:module 'sre_parse':DeprecationWarning")  # of rclpy's import
+@pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning")  # of rclpy's import
 def test_a_planner_for_a_plan_that_is_asked_for_is_not_made_in_the_loops_thread(monkeypatch):
     threads = []
     made = DynamicPlanner.__setstate__
