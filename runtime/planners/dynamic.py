@@ -105,7 +105,6 @@ class DynamicPlanner(OnMap):
         self._heading_deg: float | None = None
         self._goal_heading_deg: float | None = None
         self._standing: Plan | None = None
-        self._under_way: _UnderWay | None = None
         super().__init__(cost, cell_size_m, options, tell_unknown=True)
         self._refines = self._frees(refine)
         self.set_goal(goal)
@@ -148,6 +147,7 @@ class DynamicPlanner(OnMap):
         return cls(ground, goal, **rest)
 
     _repeated = True
+    _under_way: _UnderWay | None = None
 
     def _make(self) -> None:
         """As `OnMap._make`; the standing path stays, but no lower bound of its cost."""
@@ -266,7 +266,8 @@ class DynamicPlanner(OnMap):
         """
         if self._state.unseen is not None:  # memory goes by what is seen
             return
-        touch(self._methods.astar.workspace, self._path)
+        memory = self._methods.astar.workspace
+        touch(memory, memory.field or memory, self._path)
         self._methods.descent.touch()
         if self.method is DynamicMethod.DSTAR:
             self._methods.prepare_to_mend_map(self._goal)
