@@ -8,6 +8,7 @@ import copy
 import itertools
 import math
 import os
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -25,6 +26,7 @@ from nnpp_edge.runtime import (
 )
 from nnpp_edge.runtime.planners.dynamic import DynamicMethod
 from tests.pose_oracles import rocks
+from tests.strategies import flat
 
 MAPS = int(os.environ.get("NNPP_EDGE_MAPS", "3"))
 CELL_M = 0.25
@@ -48,7 +50,7 @@ def moving(robot, dem, method="auto"):
 
 def sliced(planner, between=lambda: None, **options):
     """The plan of a search by the shortest slices, and how many they were."""
-    for slices in range(1, 100_000):
+    for slices in range(1, 20_000):
         plan = planner.replan(time_limit_s=0.0, goes_on=True, **options)
         if plan.status is not Status.TIMEOUT:
             return plan, slices
@@ -79,7 +81,8 @@ def test_on_a_map_that_stays_a_search_in_slices_finds_what_one_at_once_finds(rob
 def test_a_brief_search_is_as_brief_in_slices(robot):
     """The goal is near, behind a wall."""
     dem = walled()
-    dem[58:62, 50:60] = 5.0
+    dem[58:62, 50:70] = 5.0
+    dem[58:62, 100:] = 0.0
     plans = []
     for goes_on in (False, True):
         planner = moving(robot, dem)
@@ -88,6 +91,7 @@ def test_a_brief_search_is_as_brief_in_slices(robot):
         plans.append(sliced(planner)[0] if goes_on else planner.replan())
     at_once, plan = plans
     assert plan.ok and plan.choice == at_once.choice and plan.expansions == at_once.expansions
+    assert robot == "arcs" or "corridor" in plan.choice
 
 
 @pytest.mark.parametrize("seed", range(MAPS))
@@ -138,7 +142,7 @@ def test_a_bound_of_the_map_as_it_was_is_none_once_a_shorter_way_was_opened(robo
     dem = walled()
     dem[58:62, 45:75] = 5.0
     dem[58:62, 100:] = 0.0
-    planner = moving(robot, dem)
+    planner = moving(robot, dem, "astar")
     dem[58:62, 50:70] = 0.0
     plan = before_the_last_slice(
         planner, lambda: planner.update_elevation(58, 50, dem[58:62, 50:70])
@@ -200,25 +204,29 @@ def test_a_slice_does_little_more_than_its_time_allows(robot):
 
 
 @pytest.mark.parametrize("drop", ["goal", "method", "at once", "reach", "broken off"])
-def test_a_search_that_is_dropped_leaves_the_map_as_it_was(robot, drop):
-    """A body's search closes links of coarse levels while it is under way."""
-    dem = walled()
-    dem[58:62, 53:70] = 5.0
-    dem[58:62, 100:] = 0.0
-    planner = moving(robot, dem)
-    closed = robot == "point"
-    for _ in range(10_000):
+def test_a_search_that_is_dropped_opens_the_links_that_it_closed(robot, drop):
+    """A body's search closes links of coarse levels: posts, between which none passes, are cheap on
+    average. Their gap is aside.
+    """
+    dem = flat(256, 256)
+    dem[::4, 128] = 0.06
+    dem[20:44, 128] = 0.0
+    options = {
+        "vehicle": ROBOTS[robot] and replace(ROBOTS[robot], clearance_m=0.05, max_step_m=0.04)
+    }
+    ends = ((150, 20), (150, 230))
+    planner = DynamicPlanner.of_elevation(dem, CELL_M, ends[1], warn=False, **options)
+    planner.move(ends[0])
+    coarse = planner._methods.descent.coarse_levels[0]
+    plan = planner.replan(time_limit_s=0.0, goes_on=True)
+    while robot != "point" and coarse._closed is None and plan.status is Status.TIMEOUT:
         plan = planner.replan(time_limit_s=0.0, goes_on=True)
-        closed = closed or planner._methods.descent.coarse_levels[0]._closed is not None
-        if closed:
-            break
-    assert closed and planner.searching, plan
+    closed = np.uint8(0) if robot == "point" else coarse._closed.copy()
+    assert planner.searching and (closed.any() or robot == "point")
     if drop == "goal":
         planner.set_goal((100, 20))
-        planner.set_goal(GOAL)
     elif drop == "method":
-        planner.replan(method="corridor", time_limit_s=0.0, goes_on=True)
-        planner.set_goal(GOAL)
+        planner.replan(method="astar", time_limit_s=0.0, goes_on=True)
     elif drop == "reach":
         planner.reach()
     elif drop == "broken off":
@@ -226,14 +234,9 @@ def test_a_search_that_is_dropped_leaves_the_map_as_it_was(robot, drop):
         planner.standing()
     else:
         planner.replan(method="astar")
-        planner.set_goal(GOAL)
-    assert not planner.searching
-    fresh = moving(robot, dem)
-    assert planner.replan().cost == fresh.replan().cost
-    if robot != "point":  # whose levels are as exact as they have been read
-        levels = planner.state.pyramid.levels, fresh.state.pyramid.levels
-        for level, other in zip(*levels, strict=True):
-            assert np.array_equal(level.links, other.links)
+    assert planner.searching == (drop == "method")
+    if drop != "broken off":  # then the levels are made anew
+        assert not (closed & ~planner.state.pyramid.levels[1].links).any()
 
 
 def test_pauses_are_no_time_of_the_search(robot, monkeypatch):
