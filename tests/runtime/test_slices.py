@@ -24,6 +24,7 @@ from nnpp_edge.runtime import (
     Status,
     Vehicle,
 )
+from nnpp_edge.runtime.planners.coarse_to_fine import CoarseLevel
 from nnpp_edge.runtime.planners.dynamic import DynamicMethod
 from tests.pose_oracles import rocks
 from tests.strategies import flat
@@ -205,25 +206,31 @@ def test_a_slice_does_little_more_than_its_time_allows(robot):
 
 
 @pytest.mark.parametrize("drop", ["goal", "method", "at once", "reach", "broken off"])
-def test_a_search_that_is_dropped_opens_the_links_that_it_closed(robot, drop):
+def test_a_search_that_is_dropped_opens_the_links_that_it_closed(robot, drop, monkeypatch):
     """A body's search closes links of coarse levels: posts, between which none passes, are cheap on
     average. Their gap is aside.
     """
+    opened = []
+    close = CoarseLevel.close_dead_ends
+
+    def noted(self, *given):
+        before = self.level.links.copy()
+        closed = close(self, *given)
+        opened.append((self.level, before & ~self.level.links))
+        return closed
+
+    monkeypatch.setattr(CoarseLevel, "close_dead_ends", noted)
     dem = flat(256, 256)
     dem[::4, 128] = 0.06
     dem[20:44, 128] = 0.0
-    options = {
-        "vehicle": ROBOTS[robot] and replace(ROBOTS[robot], clearance_m=0.05, max_step_m=0.04)
-    }
+    vehicle = ROBOTS[robot] and replace(ROBOTS[robot], clearance_m=0.05, max_step_m=0.04)
     ends = ((150, 20), (150, 230))
-    planner = DynamicPlanner.of_elevation(dem, CELL_M, ends[1], warn=False, **options)
+    planner = DynamicPlanner.of_elevation(dem, CELL_M, ends[1], warn=False, vehicle=vehicle)
     planner.move(ends[0])
-    coarse = planner._methods.descent.coarse_levels[0]
     plan = planner.replan(time_limit_s=0.0, goes_on=True)
-    while robot != "point" and coarse._closed is None and plan.status is Status.TIMEOUT:
+    while robot != "point" and not opened and plan.status is Status.TIMEOUT:
         plan = planner.replan(time_limit_s=0.0, goes_on=True)
-    closed = np.uint8(0) if robot == "point" else coarse._closed.copy()
-    assert planner.searching and (closed.any() or robot == "point")
+    assert planner.searching and (opened or robot == "point")
     if drop == "goal":
         planner.set_goal((100, 20))
     elif drop == "method":
@@ -231,13 +238,19 @@ def test_a_search_that_is_dropped_opens_the_links_that_it_closed(robot, drop):
     elif drop == "reach":
         planner.reach()
     elif drop == "broken off":
-        planner._half_done = True
+        with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+            patch.setattr(planner.state, "update", interrupted)
+            planner.update(0, 0, flat(1, 1))
         planner.standing()
     else:
         planner.replan(method="astar")
     assert planner.searching == (drop == "method")
-    if drop != "broken off":  # then the levels are made anew
-        assert not (closed & ~planner.state.pyramid.levels[1].links).any()
+    for level, closed in opened:
+        assert closed.any() and not (closed & ~level.links).any()
+
+
+def interrupted(*given):
+    raise KeyboardInterrupt
 
 
 def test_pauses_are_no_time_of_the_search(robot, monkeypatch):
