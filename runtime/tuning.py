@@ -137,6 +137,12 @@ is made anew.
 JOIN_AHEAD, JOIN_BEHIND, JOIN_WITHIN = 64, 16, 8
 """States ahead of the robot, and behind what is blocked, at which a new way joins the standing
 path of arcs again; and cells from the path at which a robot may be."""
+ON_ARC, ON_ARC_DEG = 1.5, 30.0
+"""Distance from an arc's pose, in sides of a cell or at least 0.25 m, and turn up to which a body
+counts as driving along it, the one or the other; or as much of each as leaves of the other. Where
+each plan began in the body's cell and the nearest of the sixteen headings instead, a car (R = 2 m,
+1 m/s, cells of 0.2 m) that took every new path came to no goal, and 111 of 1,010 ticks were late,
+for 2 goals and none."""
 JOIN_EXPANSIONS, AGAIN_EXPANSIONS = 4096, 16384
 """Expansions after which the best way to that place is taken, else the path as it stood; and those
 of a search to the goal by the field that is kept."""

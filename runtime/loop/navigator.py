@@ -201,14 +201,21 @@ class Navigator:
             unknown = self._unknown_around(pose.cell, radius)
             reason = f"no passable cell within {radius} of the robot{unknown}"
             return tick.no_path(Status.START_BLOCKED, reason)
-        self.planner.move(start, pose.heading_deg)
+        heading = pose.heading_deg
+        passed = None
+        if heading is not None:
+            passed = self.planner.passed(pose.row - 0.5, pose.col - 0.5, heading)
+        if passed is not None:
+            start, heading = passed
+        self.planner.move(start, heading)
         target = goal.cell
         passable = self.planner.is_passable(target)
         if not (passable or self._approach):
             reason = f"the goal is impassable{self._unknown_around(target)}"
             return tick.no_path(Status.GOAL_BLOCKED, reason)
-        tick.known = replace(tick.known, start=start, start_moved=start != pose.cell)
-        self._counts["starts_moved"] += tick.known.start_moved
+        moved = passed is None and start != pose.cell
+        tick.known = replace(tick.known, start=start, start_moved=moved)
+        self._counts["starts_moved"] += moved
         approached = self._approached is not None and self._approached.goal == target
         if approached or not passable:
             target = self._as_near_as(target, start)

@@ -31,7 +31,7 @@ from nnpp_edge.runtime.planners.on_map import (
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan, Source
 from nnpp_edge.runtime.planners.query import Found, Work
 from nnpp_edge.runtime.planners.slices import InSlices
-from nnpp_edge.runtime.planners.standing_path import Standing, StandingPath
+from nnpp_edge.runtime.planners.standing_path import Departure, Standing, StandingPath
 from nnpp_edge.runtime.search.astar import Query, Search
 from nnpp_edge.runtime.tuning import AGAIN_EXPANSIONS, JOIN_AHEAD, NEAR
 
@@ -255,6 +255,16 @@ class DynamicPlanner(OnMap):
     def standing(self) -> Standing:
         """State of the last path on the current map, from the robot's current cell."""
         return self._path.check(self._where(), self._direction)
+
+    @one_at_a_time
+    def passed(self, row: float, col: float, heading_deg: float) -> Departure | None:
+        """Cell and heading that a body has passed last, where it drives along the arcs of the
+        standing path at this place, (0, 0) being the middle of the first cell; else None.
+
+        Arcs are longer than cells. A path from there goes on along the arc that the body is on,
+        where one from its own cell would begin in the nearest of the sixteen headings.
+        """
+        return self._path.passed(row, col, heading_deg)
 
     @one_at_a_time
     def prepare(self) -> None:

@@ -33,8 +33,11 @@ from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.kernels.paths import remember, savings
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.planners.plan import Plan
-from nnpp_edge.runtime.tuning import JOIN_WITHIN, MOST_LOGGED_CHANGES
+from nnpp_edge.runtime.robots.body.arcs import POSES_EVERY_M
+from nnpp_edge.runtime.tuning import JOIN_WITHIN, MOST_LOGGED_CHANGES, ON_ARC, ON_ARC_DEG
 
+Departure = tuple[Cell, float]
+"""A cell, and the heading in degrees in which a body leaves it."""
 _ROUNDING = 1e-6
 """Share by which a bound may be off, as the searches keep g in float32."""
 _MANY = 1 << 16
@@ -133,6 +136,8 @@ class StandingPath:
         self.plan: Plan | None = None
         """The plan whose path stands; to be changed by `set` and `forget` alone."""
         self._walked = self._scratch = np.empty(0)
+        self._passed = 0
+        """Number of the state that a body has passed last."""
 
     def set(self, plan: Plan) -> None:
         """Follow this plan's path from now on; the plan must have been made on the map as it is
@@ -151,6 +156,7 @@ class StandingPath:
         self._walked = walked
         self._scratch = np.empty(len(walked))
         self._count = 0
+        self._passed = 0
         self._parts = []
         self._changes.skip()
         if self._stamp == _LAST_STAMP:
@@ -204,6 +210,36 @@ class StandingPath:
         cost = float(self._scratch[-1])
         bounds = (min(lower, cost), min(floor, cost))
         return Standing(Footing.VALID, index, None, -1, cost, *bounds)
+
+    def passed(self, row: float, col: float, heading_deg: float) -> Departure | None:
+        """The state that a body has passed last, where it drives along the path's arcs and the one
+        that it is on is clear; else None.
+
+        Never one before the last that was given: a path may come by the same place again.
+        """
+        plan = self.plan
+        if plan is None or plan.drive is None or plan.along is None:
+            return None
+        poses = plan.drive.poses
+        sides_m = plan.along.sides_m
+        offsets = poses[:, 1::-1] - np.multiply((row, col), sides_m)
+        turned = np.abs((poses[:, 2] - heading_deg + 180.0) % 360.0 - 180.0)
+        within_m = ON_ARC * max(*sides_m, POSES_EVERY_M)
+        away = np.hypot(*offsets.T) / within_m + turned / ON_ARC_DEG
+        leaving = np.append(plan.drive.steps[1:], len(plan.path) - 1)
+        near = (away <= 1.0) & (leaving >= self._passed)
+        if not near.any():
+            return None
+        # the nearest pose of the first piece that is near: after a change of gear the path may
+        # lead along itself
+        first = int(near.argmax())
+        farther = np.append(np.diff(away[first:]) > 0.0, True)
+        index = int(leaving[first + farther.argmax()])
+        self._passed = index
+        if self._grid.walk(plan.walked[index : index + 2], 0, self._scratch) >= 0:
+            return None
+        at = int(plan.path[index, 0]), int(plan.path[index, 1])
+        return at, float(plan.headings_deg[index])
 
     def rest(self, at: Cell, direction: int = -1) -> Rest | None:
         """The path ahead of a robot in the cell `at`, heading in a direction; None far from it, or

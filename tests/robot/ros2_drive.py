@@ -1,5 +1,9 @@
-"""A simulated robot of plain rclpy drives by the node's paths, over rocks and among obstacles that
-move: ``.venv-ros/bin/python -m tests.robot.ros2_drive --minutes 3``.
+"""A simulated robot drives by the node's paths, over rocks and among obstacles that move:
+``.venv-ros/bin/python -m tests.robot.ros2_drive --minutes 3``. The robot is a process of its own, of
+plain rclpy.
+
+``--without-ros`` drives through the same scene with the same loop, which the robot reaches by a
+socket of Python's multiprocessing instead: what the loop does without ROS.
 
 Prints as JSON how many goals were reached, how many of the published paths led through an obstacle
 that the robot had sent 0.3 s before and that was still there, and the loop's late ticks.
@@ -12,13 +16,13 @@ import os
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from argparse import ArgumentParser
+from multiprocessing.connection import Client, Listener
 from pathlib import Path
 
 import numpy as np
-
-from tests.robot.ros2_types import built
 
 SIDE_M = 0.2
 CELLS = 300
@@ -36,10 +40,14 @@ reverse_cost = 2.0
 gear_change_m = 1.0
 """
 RADIUS_M = 2.0
-AHEAD_M = 0.8
+WITHIN_M = 1.0
+"""Over which the robot steers back to the path: half its radius, critically damped."""
 HIGH_M = 1.5
-GIVE_UP_S = 60.0
+NEAR_M = 0.4
+"""To the goal, where it counts as reached."""
+GIVE_UP_S = 90.0
 OLD_S = 0.3
+COUNTERS = ["ticks", "planned", "kept", "failed", "overruns", "skipped", "tick_ms", "degraded"]
 
 
 class World:
@@ -86,58 +94,278 @@ def hits(poses, blocked):
     return False
 
 
-def drive(minutes, seed):
-    import rclpy
-    from diagnostic_msgs.msg import DiagnosticArray
-    from geometry_msgs.msg import PoseStamped
-    from grid_map_msgs.msg import GridMap
-    from nav_msgs.msg import Odometry, Path
-    from rclpy.qos import DurabilityPolicy, QoSProfile
-    from std_msgs.msg import Float32MultiArray, MultiArrayDimension
+def beside(pose, place):
+    """How far a pose (x, y, yaw) lies ahead of a place and to its left, and is turned to its left,
+    in metres and rad.
+    """
+    x, y = pose[:2] - place[:2]
+    ahead = x * math.cos(place[2]) + y * math.sin(place[2])
+    left = y * math.cos(place[2]) - x * math.sin(place[2])
+    turned = (pose[2] - place[2] + math.pi) % (2.0 * math.pi) - math.pi
+    return ahead, left, turned
 
-    rng = np.random.default_rng(seed)
-    world = World(rng)
-    robot = np.zeros(3)
-    known = np.zeros((CELLS, CELLS), bool)  # blocked, as the robot has sent it
-    sent = [(0.0, known)]
-    counts = dict.fromkeys(("goals", "given_up", "paths", "empty", "failing", "windows"), 0)
-    told = {}
-    path = np.empty((0, 3))
 
-    rclpy.init()
-    node = rclpy.create_node("robot")
-    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    maps = node.create_publisher(GridMap, "elevation_map", 5)
-    odom = node.create_publisher(Odometry, "odom", 5)
-    goals = node.create_publisher(PoseStamped, "goal_pose", 1)
+class Follower:
+    """Drives along a path from pose to pose, each in its gear. It has come by a pose once it is
+    beside it or beyond, so that a change of gear is driven out to its end.
+    """
 
-    def posed(message, x, y, yaw):
-        message.position.x = float(x)
-        message.position.y = float(y)
-        message.orientation.z = math.sin(yaw / 2.0)
-        message.orientation.w = math.cos(yaw / 2.0)
+    def __init__(self):
+        self.poses = np.empty((0, 3))
+        self.gears = np.empty(0)
+        self.at = 1
+        """The pose that it drives to."""
 
-    def on_path(message):
-        nonlocal path
+    def take(self, poses, gears):
+        """Another path, from where the robot is; what is left of the present one changes
+        nothing.
+        """
+        rest = poses[1:]
+        known = self.poses[len(self.poses) - len(rest) :]
+        if len(rest) and rest.shape == known.shape and np.allclose(rest, known, atol=1e-6):
+            return
+        self.poses = poses
+        self.gears = gears
+        self.at = 1
+
+    def drive(self, pose, length):
+        """The pose after so many metres along the path, or fewer where it ends."""
+        while length > 1e-9 and self.at < len(self.poses):
+            gear = self.gears[self.at] or 1
+            target = self.poses[self.at]
+            ahead, _, _ = beside(pose, target)
+            left_m = -gear * ahead
+            if left_m <= 1e-6:
+                self.at += 1
+                continue
+            before = self.poses[self.at - 1]
+            chord = np.hypot(*(target - before)[:2])
+            bend = beside(target, before)[2] / chord * gear if chord > 1e-3 else 0.0
+            # where it ought to be: as far along the arc as it has come, from its end back
+            yaw = target[2] - gear * bend * min(left_m, chord)
+            _, aside, turned = beside(pose, _on_arc(target, yaw, gear, min(left_m, chord)))
+            wanted = bend - aside / WITHIN_M**2 - 2.0 * gear * turned / WITHIN_M
+            wanted = float(np.clip(wanted, -1.0 / RADIUS_M, 1.0 / RADIUS_M))
+            step = min(length, left_m)
+            yaw = pose[2] + 0.5 * gear * wanted * step
+            pose = pose + np.array((math.cos(yaw), math.sin(yaw), wanted)) * gear * step
+            length -= step
+        return pose
+
+
+def _on_arc(target, yaw, gear, length):
+    """The pose so many metres before the end of an arc, where it heads for `yaw`."""
+    middle = 0.5 * (target[2] + yaw)
+    back = np.array((math.cos(middle), math.sin(middle))) * gear * length
+    return np.array((*(target[:2] - back), yaw))
+
+
+class RosLink:
+    """The robot's side of the topics, by plain rclpy."""
+
+    def __init__(self, place):
+        import rclpy
+        from diagnostic_msgs.msg import DiagnosticArray
+        from geometry_msgs.msg import PoseStamped
+        from grid_map_msgs.msg import GridMap
+        from nav_msgs.msg import Odometry, Path
+        from rclpy.qos import DurabilityPolicy, QoSProfile
+        from std_msgs.msg import Float32MultiArray, Int8MultiArray, MultiArrayDimension
+
+        self._kinds = GridMap, Odometry, PoseStamped, Float32MultiArray, MultiArrayDimension
+        rclpy.init()
+        self._rclpy = rclpy
+        self._node = rclpy.create_node("robot")
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._maps = self._node.create_publisher(GridMap, "elevation_map", 5)
+        self._odom = self._node.create_publisher(Odometry, "odom", 5)
+        self._goals = self._node.create_publisher(PoseStamped, "goal_pose", 1)
+        self._gears = np.empty(0)
+        self._heard = []
+        self.told = {}
+        for kind, topic, hear in (
+            (Int8MultiArray, "plan_gears", self._on_gears),  # heard before the path they are of
+            (Path, "plan", self._on_path),
+            (DiagnosticArray, "/diagnostics", self._on_diagnostics),
+        ):
+            self._node.create_subscription(kind, topic, hear, latched)
+        while not self._maps.get_subscription_count():
+            self.wait(0.1)
+
+    def _on_gears(self, message):
+        self._gears = np.array(message.data)
+
+    def _on_path(self, message):
         found = []
         for stamped in message.poses:
             at = stamped.pose
-            found.append(
-                (at.position.x, at.position.y, 2.0 * math.atan2(at.orientation.z, at.orientation.w))
-            )
-        path = np.array(found).reshape(-1, 3)
+            yaw = 2.0 * math.atan2(at.orientation.z, at.orientation.w)
+            found.append((at.position.x, at.position.y, yaw))
+        self._heard.append(np.array(found).reshape(-1, 3))
+
+    def _on_diagnostics(self, message):
+        self.told.update({pair.key: pair.value for pair in message.status[0].values})
+
+    def wait(self, seconds):
+        self._rclpy.spin_once(self._node, timeout_sec=max(seconds, 0.0))
+
+    def paths(self):
+        """Paths that came, with their gears, which come before them."""
+        heard = self._heard
+        self._heard = []
+        return [(poses, self._gears) for poses in heard if len(poses) == len(self._gears)]
+
+    def send_pose(self, pose):
+        message = self._kinds[1](child_frame_id="base_link")
+        message.header.frame_id = "odom"
+        _set(message.pose.pose, pose)
+        self._odom.publish(message)
+
+    def send_goal(self, pose):
+        message = self._kinds[2]()
+        message.header.frame_id = "odom"
+        _set(message.pose, pose)
+        self._goals.publish(message)
+
+    def send_window(self, row, col, heights):
+        grid_map, _, _, layer_kind, dimension = self._kinds
+        size = len(heights)
+        message = grid_map(layers=["elevation"])
+        message.header.frame_id = "odom"
+        message.info.resolution = SIDE_M
+        message.info.length_x = message.info.length_y = SIDE_M * size
+        middle = SIDE_M * (np.array((col, row)) + size / 2 - CELLS / 2)
+        _set(message.info.pose, (*middle, 0.0))
+        # rows against x, columns against y, one column after another
+        ring = heights.T[::-1, ::-1].ravel(order="F").astype(np.float32)
+        layer = layer_kind(data=array.array("f", ring.tobytes()))
+        for label in ("column_index", "row_index"):
+            layer.layout.dim.append(dimension(label=label, size=size))
+        message.data = [layer]
+        self._maps.publish(message)
+
+
+def _set(message, pose):
+    x, y, yaw = pose
+    message.position.x = float(x)
+    message.position.y = float(y)
+    message.orientation.z = math.sin(yaw / 2.0)
+    message.orientation.w = math.cos(yaw / 2.0)
+
+
+class SocketLink:
+    """The same without ROS."""
+
+    def __init__(self, place):
+        self._connection = Client(place)
+        self._heard = []
+        self.told = {}
+
+    def wait(self, seconds):
+        if self._connection.poll(max(seconds, 0.0)):
+            kind, content = self._connection.recv()
+            if kind == "path":
+                self._heard.append(content)
+            else:
+                self.told.update(content)
+
+    def paths(self):
+        heard = self._heard
+        self._heard = []
+        return heard
+
+    def send_pose(self, pose):
+        self._connection.send(("pose", tuple(pose)))
+
+    def send_goal(self, pose):
+        self._connection.send(("goal", tuple(pose)))
+
+    def send_window(self, row, col, heights):
+        self._connection.send(("window", (row, col, heights.astype(np.float32))))
+
+
+def loop_without_ros(place, vehicle):
+    """The node's loop, ground and poses of paths, with the socket in place of topics."""
+    from nnpp_edge.profiling.profile_file import OnboardLoop
+    from nnpp_edge.robot.ros2.grounds import first_ground
+    from nnpp_edge.robot.ros2.parameters import Own
+    from nnpp_edge.robot.transports.mcap_log import is_rest
+    from nnpp_edge.ros.maps import arc_poses
+    from nnpp_edge.runtime import Goal, Loop, MapPatch, Navigator, Pose
+    from nnpp_edge.runtime.exercises import exercise
+    from nnpp_edge.runtime.loop.connections import Mailbox
+    from nnpp_edge.runtime.loop.messages import StatusMessage
+    from nnpp_edge.runtime.loop.runner import handling_signals
+
+    exercise()
+    own = Own(vehicle=vehicle, global_frame="odom", resolution=SIDE_M, map_size_m=SIDE_M * CELLS)
+    ground, frame = first_ground(own)
+    navigator = Navigator(ground, **OnboardLoop().planning())
+    mailbox = Mailbox()
+    with Listener(place) as listener:
+        connection = listener.accept()
+
+    def read():
+        while True:
+            try:
+                kind, content = connection.recv()
+            except (EOFError, OSError):
+                return
+            if kind == "window":
+                row, col, heights = content
+                message = MapPatch(row, col, elevation=heights)
+            else:
+                x, y, yaw = content
+                places = frame.places((x, y))[0].tolist()
+                if kind == "goal":
+                    message = Goal(*frame.cell(x, y), heading_deg=frame.heading_deg(yaw))
+                else:
+                    message = Pose(*places, heading_deg=frame.heading_deg(yaw))
+            mailbox.put(message, when_full="drop oldest")
+
+    class Source:
+        poll = staticmethod(mailbox.read)
+
+    class Answers:
+        name = "socket"
+        walked = None
+        due = False
+
+        def publish(self, message):
+            if isinstance(message, StatusMessage):
+                self.due = True
+                connection.send(
+                    ("told", {name: getattr(message.counters, name) for name in COUNTERS})
+                )
+                return
+            if self.due or not is_rest(message.walked, self.walked):
+                self.due = False
+                poses = arc_poses(message, frame)
+                connection.send(("path", (poses[:, :3], poses[:, 3])))
+            self.walked = message.walked
+
+    threading.Thread(target=read, daemon=True).start()
+    loop = Loop(navigator, Source(), [Answers()], **OnboardLoop().pace())
+    with handling_signals(loop):
+        loop.run()
+
+
+def drive(link, minutes, seed):
+    """The robot: it sends where it is, what it sees and goals, and follows the paths."""
+    rng = np.random.default_rng(seed)
+    world = World(rng)
+    robot = np.zeros(3)
+    follower = Follower()
+    sent = [(0.0, np.zeros((CELLS, CELLS), bool))]  # blocked, as the robot has sent it
+    counts = dict.fromkeys(["goals", "given_up", "paths", "empty", "failing", "windows"], 0)
+    counts["metres"] = 0.0
+
+    def check(poses):
         counts["paths"] += 1
-        counts["empty"] += not len(path)
+        counts["empty"] += not len(poses)
         now = time.monotonic()
         old = next((cells for at, cells in reversed(sent) if now - at >= OLD_S), sent[0][1])
-        if len(path) and hits(path, old & sent[-1][1]):
-            counts["failing"] += 1
-
-    def on_diagnostics(message):
-        told.update({pair.key: pair.value for pair in message.status[0].values})
-
-    node.create_subscription(Path, "plan", on_path, latched)
-    node.create_subscription(DiagnosticArray, "/diagnostics", on_diagnostics, 10)
+        counts["failing"] += bool(len(poses)) and hits(poses, old & sent[-1][1])
 
     def send_window(size=WINDOW):
         half = size // 2
@@ -146,101 +374,51 @@ def drive(minutes, seed):
         col = int(np.clip(col - half, 0, CELLS - size))
         part = (slice(row, row + size), slice(col, col + size))
         blocked = world.blocked()
-        heights = (world.ground + HIGH_M * blocked)[part]
-        message = GridMap(layers=["elevation"])
-        message.header.frame_id = "odom"
-        message.info.resolution = SIDE_M
-        message.info.length_x = message.info.length_y = SIDE_M * size
-        middle = SIDE_M * (np.array((col, row)) + size / 2 - CELLS / 2)
-        posed(message.info.pose, *middle, 0.0)
-        # rows against x, columns against y, one column after another
-        ring = heights.T[::-1, ::-1].ravel(order="F").astype(np.float32)
-        layer = Float32MultiArray(data=array.array("f", ring.tobytes()))
-        for label in ("column_index", "row_index"):
-            layer.layout.dim.append(MultiArrayDimension(label=label, size=size))
-        message.data = [layer]
         now_known = sent[-1][1].copy()
         now_known[part] = blocked[part]
         sent.append((time.monotonic(), now_known))
         del sent[:-20]
-        maps.publish(message)
+        link.send_window(row, col, (world.ground + HIGH_M * blocked)[part])
         counts["windows"] += 1
 
     def new_goal():
-        blocked = world.blocked()
+        blocked = world.blocked() | sent[-1][1]
         while True:
             x, y = rng.uniform(-26.0, 26.0, 2)
             row, col = np.floor(np.array((y, x)) / SIDE_M + CELLS / 2).astype(int)
             far = math.hypot(x - robot[0], y - robot[1]) > 8.0
             if far and not blocked[max(row - 8, 0) : row + 9, max(col - 8, 0) : col + 9].any():
                 break
-        message = PoseStamped()
-        message.header.frame_id = "odom"
-        posed(message.pose, x, y, rng.uniform(-math.pi, math.pi))
-        goals.publish(message)
+        link.send_goal((x, y, rng.uniform(-math.pi, math.pi)))
         return np.array((x, y)), time.monotonic()
 
-    def follow():
-        """Steer for a place ahead on the path, before the next change of gear (pure pursuit)."""
-        nonlocal robot
-        if len(path) < 2:
-            return
-        apart = np.hypot(*(path[:, :2] - robot[:2]).T)
-        turn = np.abs((path[:, 2] - robot[2] + math.pi) % (2.0 * math.pi) - math.pi)
-        order = 0.05 * np.arange(len(path))  # it may come by the same place twice
-        at = int((apart + 0.3 * turn + order)[:-1].argmin())
-        if apart[at] > 0.7:
-            return
-        steps = np.diff(path[:, :2], axis=0)
-        gears = np.sign(np.cos(path[:-1, 2]) * steps[:, 0] + np.sin(path[:-1, 2]) * steps[:, 1])
-        to = at + 1
-        while to + 1 < len(path) and apart[to] < AHEAD_M and gears[to] == gears[at]:
-            to += 1
-        x, y = path[to, :2] - robot[:2]
-        left = -math.sin(robot[2]) * x + math.cos(robot[2]) * y
-        curvature = 2.0 * left / max(x * x + y * y, 0.05)
-        curvature = float(np.clip(curvature, -1.0 / RADIUS_M, 1.0 / RADIUS_M))
-        length = float(gears[at]) * SPEED_M_S * STEP_S
-        yaw = robot[2] + 0.5 * curvature * length
-        robot = robot + np.array((math.cos(yaw), math.sin(yaw), curvature)) * length
-
-    while not maps.get_subscription_count():
-        rclpy.spin_once(node, timeout_sec=0.1)
     end = time.monotonic() + 60.0 * minutes
     goal, begun = None, 0.0
     next_step = time.monotonic()
     steps = 0
     while time.monotonic() < end:
-        rclpy.spin_once(node, timeout_sec=max(next_step - time.monotonic(), 0.0))
+        link.wait(next_step - time.monotonic())
+        for poses, gears in link.paths():
+            check(poses)
+            follower.take(poses, gears)
         if time.monotonic() < next_step:
             continue
         next_step += STEP_S
         steps += 1
         world.move(robot, STEP_S)
-        follow()
-        message = Odometry(child_frame_id="base_link")
-        message.header.frame_id = "odom"
-        posed(message.pose.pose, *robot)
-        odom.publish(message)
+        before = robot
+        robot = follower.drive(robot, SPEED_M_S * STEP_S)
+        counts["metres"] += float(np.hypot(*(robot - before)[:2]))
+        link.send_pose(robot)
         if steps % 2 == 0:  # the first is a survey of all, by which goals are known
             send_window(WINDOW if steps > 2 else CELLS)
-        reached = goal is not None and np.hypot(*(goal - robot[:2])) < 0.4
+        reached = goal is not None and np.hypot(*(goal - robot[:2])) < NEAR_M
         given_up = goal is not None and time.monotonic() - begun > GIVE_UP_S
         counts["goals"] += bool(reached)
         counts["given_up"] += bool(given_up and not reached)
         if steps > 20 and (goal is None or reached or given_up):
             goal, begun = new_goal()
-    for name in (
-        "ticks",
-        "planned",
-        "kept",
-        "failed",
-        "overruns",
-        "skipped",
-        "tick_ms",
-        "degraded",
-    ):
-        counts[name] = told.get(name)
+    counts |= {name: str(link.told.get(name)) for name in COUNTERS}
     print(json.dumps(counts, indent=1))
     return counts
 
@@ -249,30 +427,45 @@ def main():
     parser = ArgumentParser()
     parser.add_argument("--minutes", type=float, default=3.0)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--inside", action="store_true")
+    parser.add_argument("--without-ros", action="store_true")
+    parser.add_argument("--process", choices=("robot", "loop"))
+    parser.add_argument("--place", default="")
+    parser.add_argument("--vehicle", default="")
     asked = parser.parse_args()
-    if asked.inside:
-        counts = drive(asked.minutes, asked.seed)
+    if asked.process == "loop":
+        loop_without_ros(asked.place, asked.vehicle)
+        return
+    if asked.process == "robot":
+        link = (SocketLink if asked.without_ros else RosLink)(asked.place)
+        counts = drive(link, asked.minutes, asked.seed)
         sys.exit(int(counts["failing"] > 0 or not counts["goals"]))
-    environment = os.environ | {
-        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        "ROS_DOMAIN_ID": str(1 + os.getpid() % 100),
-        "PYTHONPATH": str(built()),
-    }
+    environment = dict(os.environ)
+    if not asked.without_ros:
+        from tests.robot.ros2_types import built
+
+        environment |= {
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+            "ROS_DOMAIN_ID": str(1 + os.getpid() % 100),
+            "PYTHONPATH": str(built()),
+        }
     with tempfile.TemporaryDirectory() as folder:
         vehicle = Path(folder, "robot.toml")
         vehicle.write_text(VEHICLE)
-        values = {"vehicle": vehicle, "global_frame": "odom", "resolution": SIDE_M}
-        values |= {"map_size_m": SIDE_M * CELLS, "map_timeout_s": 2.0}
-        words = [word for name, value in values.items() for word in ("-p", f"{name}:={value}")]
-        node = subprocess.Popen(
-            [sys.executable, "-m", "nnpp_edge.cli.main", "ros", "--ros-args", *words],
-            env=environment,
-        )
-        robot = [sys.executable, "-m", "tests.robot.ros2_drive", *sys.argv[1:], "--inside"]
+        place = str(Path(folder, "socket"))
+        drives = [sys.executable, "-m", "tests.robot.ros2_drive", "--place", place]
+        command = [*drives, "--process", "loop", "--vehicle", str(vehicle)]
+        if not asked.without_ros:
+            values = {"vehicle": vehicle, "global_frame": "odom", "resolution": SIDE_M}
+            values |= {"map_size_m": SIDE_M * CELLS, "map_timeout_s": 2.0}
+            words = [word for name, value in values.items() for word in ("-p", f"{name}:={value}")]
+            command = [sys.executable, "-m", "nnpp_edge.cli.main", "ros", "--ros-args", *words]
+        loop = subprocess.Popen(command, env=environment)
+        while asked.without_ros and not Path(place).exists() and loop.poll() is None:
+            time.sleep(0.1)
+        robot = [*drives, *sys.argv[1:], "--process", "robot"]
         code = subprocess.run(robot, env=environment).returncode
-        node.terminate()
-        sys.exit(code or node.wait(10.0))
+        loop.terminate()
+        sys.exit(code or loop.wait(10.0))
 
 
 if __name__ == "__main__":

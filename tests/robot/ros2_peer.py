@@ -102,7 +102,9 @@ def do(op, name, kind, qos="default", **more):
         message = fill(kind_of(kind)(), more["message"])
         publisher = node.create_publisher(kind_of(kind), name, SENSOR)
         began = node.get_clock().now().nanoseconds
+        first, last = more["x"]
         for n in range(more["count"]):
+            message.pose.pose.position.x = first + (last - first) * (n + 1) / more["count"]
             publisher.publish(message)
             while node.get_clock().now().nanoseconds - began < n * 1e9 / more["rate_hz"]:
                 pass

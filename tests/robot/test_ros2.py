@@ -13,13 +13,24 @@ import threading
 import time
 from contextlib import closing
 from pathlib import Path
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
 
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import PoseStamped
+
+from nnpp_edge.robot.ros2.answers import RosSink
+from nnpp_edge.robot.ros2.frames import Place
+from nnpp_edge.robot.ros2.questions import Questions
 from nnpp_edge.ros.maps import GridMap, MapFrame
+from nnpp_edge.runtime import Counters, DynamicPlanner, Ground, Navigator
+from nnpp_edge.runtime.errors import Status
+from nnpp_edge.runtime.loop.messages import StatusMessage
+from nnpp_edge.runtime.map.kinds import map_state
 from tests.robot.conftest import wait_until
 from tests.robot.ros2_types import built
 
@@ -270,7 +281,8 @@ def peer(environment):
 
 @pytest.fixture(scope="module")
 def process(environment, peer):
-    node = Node(environment, peer, "-p", "autostart_node:=false")
+    node = Node(environment, peer, "-p", "autostart_node:=false", "-p", "radius:=1.0")
+    node.said("radius was set, and there is no such parameter")
     yield node
     assert node.close() == 0
 
@@ -360,7 +372,8 @@ def test_headings_are_exact_in_all_four_quadrants(node, peer, tmp_path, rows_alo
         yaws = np.degrees(np.arctan2(steps[:, 1], steps[:, 0]))
         middle = path[:-1, 2] + (path[1:, 2] - path[:-1, 2] + 180.0) % 360.0 / 2.0 - 90.0
         assert turned(middle, yaws).max() < 1.0
-        assert set(peer.heard["plan_gears"][-1]["data"]) == {1}
+        gears = peer.wait("plan_gears", lambda message: message["data"])
+        assert set(gears["data"]) == {1}
 
 
 def test_what_cannot_be_gone_to_or_understood_is_told_in_a_line_and_stops_who_follows(node, peer):
@@ -512,7 +525,12 @@ def test_a_service_and_actions_plan_as_nav2_asks(node, peer):
     plan = poses_of(peer.ask("get_plan", "nav_msgs/srv/GetPlan", own)["plan"])
     assert np.hypot(*(plan[0, :2] - (1.0, 1.0))) < 0.25
     blocked = {"goal": stamped(7.6, 1.0)}
-    assert peer.ask("get_plan", "nav_msgs/srv/GetPlan", blocked)["plan"]["poses"] == []
+    for tolerance_m, ends_m in ((0.0, None), (0.2, None), (0.6, (0.2, 0.6))):
+        asked = blocked | {"tolerance": tolerance_m}
+        plan = poses_of(peer.ask("get_plan", "nav_msgs/srv/GetPlan", asked)["plan"])
+        assert bool(len(plan)) == bool(ends_m)
+        if ends_m:  # beside the wall, as near to the goal as the disc can be
+            assert ends_m[0] < np.hypot(*(plan[-1, :2] - (7.6, 1.0))) < ends_m[1]
 
     kind = "nav2_msgs/action/ComputePathToPose"
 
@@ -552,28 +570,84 @@ def test_a_service_and_actions_plan_as_nav2_asks(node, peer):
     assert act("compute_path_through_poses", through)["error_code"] == 309
 
 
-def test_a_flood_of_poses_and_a_restart_change_nothing(node, peer):
+def test_a_counter_that_has_grown_is_a_warning_and_the_first_counters_are_none():
+    sink = RosSink(MagicMock())
+    frame = MapFrame(0.25, frame_id="map")
+    sink.begin(MagicMock(frame=frame, refused={}), map_state(Ground(np.ones((4, 4), np.float32))))
+    sink._node.get_clock().now().to_msg.return_value = Time()
+    levels = []
+    for late in (0, 0, 1, 1):
+        counters = Counters(ticks=17, overruns=late, tick_ms={})
+        status = sink._diagnostics(StatusMessage(17, Status.OK, "OK by standing", counters))
+        levels.append(status.status[0].level)
+    assert levels == [b"\x00", b"\x00", b"\x01", b"\x00"]
+
+
+@pytest.mark.parametrize("words", [["foo"], ["-p", "rate_hz=10"], ["--params-file", "none.yaml"]])
+def test_arguments_that_ros_does_not_take_are_told_in_a_line(words):
+    command = [sys.executable, "-m", "nnpp_edge.cli.main", "ros", "--ros-args", *words]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
+    assert done.returncode == 2
+    assert done.stderr.splitlines()[-1].startswith("error: ROS takes no such arguments: ")
+    assert "Traceback" not in done.stderr
+
+
+def test_a_planner_for_a_plan_that_is_asked_for_is_not_made_in_the_loops_thread(monkeypatch):
+    threads = []
+    made = DynamicPlanner.__setstate__
+
+    def noted(self, state):
+        threads.append(threading.current_thread())
+        made(self, state)
+
+    monkeypatch.setattr(DynamicPlanner, "__setstate__", noted)
+    cost = np.full((40, 60), 0.1, np.float32)
+    navigator = Navigator(Ground(cost), "astar")
+    node = MagicMock()
+    node.own.global_frame = "map"
+    source = MagicMock(frame=MapFrame(0.25, frame_id="map"), robot=Place(1.0, 1.0, 0.0))
+    questions = Questions(node, source, MagicMock(now_ns=0))
+    questions.begin(navigator)
+    given = []
+    goal = PoseStamped()
+    goal.header.frame_id = "map"
+    node.frames.place.return_value = Place(14.0, 1.0, 0.0)
+    asking = threading.Thread(target=lambda: given.append(questions._between(None, goal)))
+    asking.start()
+    while asking.is_alive():  # as the loop does after each tick
+        questions.after_tick()
+        time.sleep(0.001)
+    questions.close()
+    assert len(given[0].poses) and threads == [asking]
+
+
+def test_of_a_flood_of_poses_the_newest_counts_and_a_restart_changes_nothing(node, peer):
     node.map(hall())
-    node.run(radius_m=0.3)
+    node.run(radius_m=0.3, odom_timeout_s=3.0)
+    node.odom(1.0, 1.0)
+    node.goal(14.0, 1.0)
+    assert len(node.path())
     before = counted(node)
+    peer.send("silence", "odom", "")
     peer.send(
         "flood",
         "odom",
         "nav_msgs/msg/Odometry",
         count=10_000 * FLOOD_S,
         rate_hz=10_000,
+        x=(1.0, 5.0),
         message={"header": {"frame_id": "map"}, "pose": {"pose": pose(1.0, 1.0)}},
     )
     flooded_s = peer.wait("odom flooded", patience_s=60.0)
+    node.path(lambda poses: len(poses) and np.hypot(*(poses[0, :2] - (5.0, 1.0))) < 0.25)
     after = counted(node, flooded_s + before["at"])
     seconds = after["at"] - before["at"]
+    print(f"{10_000 * FLOOD_S / flooded_s:.0f} poses a second, counters {before} {after}")
     assert flooded_s < 1.5 * FLOOD_S
     assert after["ticks"] - before["ticks"] > 0.9 * 17.0 * seconds
     assert after["overruns"] - before["overruns"] <= 2
-    node.odom(1.0, 1.0)
-    node.goal(14.0, 1.0)
-    assert len(node.path())
 
+    node.odom(1.0, 1.0)
     node.kill()
     peer.heard["plan"].clear()
     node.start("-p", "radius_m:=0.3")

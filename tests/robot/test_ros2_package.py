@@ -4,11 +4,16 @@ needed.
 
 import ast
 import runpy
+import sys
+from configparser import ConfigParser
 from pathlib import Path
+from unittest.mock import MagicMock
+from xml.etree import ElementTree
 
 import pytest
 import yaml
 
+from nnpp_edge.robot.ros2 import answers, inputs
 from nnpp_edge.robot.ros2.grounds import first_ground
 from nnpp_edge.robot.ros2.parameters import NAMES, ParameterError, checked
 
@@ -49,6 +54,46 @@ def test_the_package_installs_its_files_and_an_entry_point(monkeypatch):
     module, _, function = script.partition(" = ")[2].partition(":")
     tree = ast.parse((PACKAGE / f"{module.replace('.', '/')}.py").read_text())
     assert function in [each.name for each in tree.body if isinstance(each, ast.FunctionDef)]
+
+
+def test_the_package_depends_on_all_that_the_node_imports():
+    wanted = {
+        kind.partition(".")[0] for kind in (*inputs.TOPICS.values(), *answers.TOPICS.values())
+    }
+    tree = ElementTree.parse(PACKAGE / "package.xml")
+    found = {each.text for each in tree.iter("exec_depend")}
+    assert wanted | {"rclpy", "tf2_ros_py", "tf2_geometry_msgs"} <= found
+
+
+def test_the_installed_script_runs_by_the_python_of_the_active_environment():
+    config = ConfigParser()
+    config.read(PACKAGE / "setup.cfg")
+    assert config["build_scripts"]["executable"] == "/usr/bin/env python3"
+
+
+def test_the_launch_file_starts_the_node_with_a_robots_parameters(monkeypatch):
+    for name in ("launch", "launch_ros", "ament_index_python"):
+        monkeypatch.setitem(sys.modules, name, MagicMock())
+    for name in (
+        "launch.actions",
+        "launch.substitutions",
+        "launch_ros.actions",
+        "launch_ros.parameter_descriptions",
+        "ament_index_python.packages",
+    ):
+        monkeypatch.setitem(sys.modules, name, MagicMock())
+    found = sys.modules["ament_index_python.packages"].get_package_share_directory
+    found.return_value = str(PACKAGE)
+    module = runpy.run_path(str(PACKAGE / "launch/nnpp_edge.launch.py"))
+    module["generate_launch_description"]()
+    given = sys.modules["launch_ros.actions"].Node.call_args.kwargs
+    (script,) = (PACKAGE / "setup.py").read_text().partition("console_scripts")[2:]
+    assert (given["package"], given["name"]) == (PACKAGE.name, "nnpp_edge")
+    assert f'["{given["executable"]} = ' in script
+    (argument, *_) = sys.modules["launch.actions"].DeclareLaunchArgument.call_args_list
+    assert tuple(argument.kwargs["choices"]) == ROBOTS
+    joined = sys.modules["launch.substitutions"].PathJoinSubstitution.call_args.args[0]
+    assert joined[0] == str(PACKAGE / "config")
 
 
 BAD = (

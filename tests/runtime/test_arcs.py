@@ -17,6 +17,7 @@ from nnpp_edge.runtime import (
     DynamicPlanner,
     Goal,
     Ground,
+    MapPatch,
     Navigator,
     Planner,
     Pose,
@@ -496,6 +497,50 @@ def test_the_loop_goes_to_a_goal_with_a_heading_and_to_another_when_that_changes
     point.offer(Pose(30, 15))
     point.forget(pose=False)
     assert point.tick().outcome is Status.NO_GOAL
+
+
+def test_a_path_of_arcs_stands_while_the_body_drives_between_its_states():
+    dem = np.zeros((60, 60), np.float32)
+    car = replace(CAR, reverse_cost=1.2, gear_change_m=0.2)
+    navigator = Navigator(Ground.of_elevation(dem, CELL_M, vehicle=car))
+    navigator.offer(Goal(33, 20, heading_deg=90.0))
+    navigator.offer(Pose(30.5, 20.5, heading_deg=90.0))  # to the side: backwards and forwards
+    first = navigator.tick()
+    assert {arc.gear for arc in first.arcs} == {1, -1}
+    rng = np.random.default_rng(1)
+    starts = []
+    for arc in first.arcs:
+        for share in np.arange(0.0, 1.0, 0.1 / arc.length_m):
+            x, y, heading = np.add(arc.at(share), rng.uniform(-1.0, 1.0, 3) * (0.05, 0.05, 5.0))
+            place = np.array((y, x)) / CELL_M + 0.5
+            navigator.offer(Pose(*place.tolist(), heading_deg=float(heading)))
+            answer = navigator.tick()
+            index = len(first.path) - len(answer.path)
+            np.testing.assert_array_equal(answer.path, first.path[index:])
+            assert answer.headings == first.headings[index:]
+            starts.append(index)
+    assert starts == sorted(starts)
+    assert len(first.path) - 2 in starts
+
+
+def test_where_the_arc_is_blocked_that_a_body_drives_its_path_begins_in_its_cell():
+    dem = np.zeros((80, 80), np.float32)
+    wide = replace(CAR, turning_radius_m=4.0, reverse_cost=2.0)
+    navigator = Navigator(Ground.of_elevation(dem, CELL_M, vehicle=wide))
+    navigator.offer(Pose(60.5, 15.5, heading_deg=90.0))
+    navigator.offer(Goal(20, 60, heading_deg=0.0))
+    bend = next(arc for arc in navigator.tick().arcs if arc.curvature_per_m)
+    x, y, heading = bend.at(0.6 / bend.length_m)
+    pose = Pose(y / CELL_M + 0.5, x / CELL_M + 0.5, heading_deg=heading)
+    navigator.offer(pose)
+    begun = np.multiply(navigator.tick().start, CELL_M)
+    assert np.hypot(*(begun - (y, x))) == pytest.approx(0.6, abs=0.02)
+    ahead = math.radians(heading)
+    col = round((x + 1.5 * math.sin(ahead)) / CELL_M)
+    row = round((y - 1.5 * math.cos(ahead)) / CELL_M)
+    navigator.offer(MapPatch(row, col, elevation=np.full((1, 1), 2.0, np.float32)))
+    answer = navigator.tick()
+    assert answer.ok and answer.start == pose.cell
 
 
 def test_what_guided_plans_to_a_goal_with_a_heading_misleads_none_with_another():

@@ -74,7 +74,7 @@ class RosSink:
         self._walked: Cells | None = None
         self._due = False
         self._shown_version = -1
-        self._odd: list[Ros] = []
+        self._odd: list[Ros] = [0, {}, {}]
         self.newest = None
 
     def publish(self, message: Output) -> None:

@@ -22,8 +22,9 @@ from nnpp_edge.robot.ros2.inputs import RosSource
 from nnpp_edge.robot.ros2.parameters import LIVE, Own, checked, declare, values_of
 from nnpp_edge.robot.ros2.questions import Questions
 from nnpp_edge.ros.maps import OccupancyGrid
-from nnpp_edge.runtime.errors import NnppEdgeError
+from nnpp_edge.runtime.errors import InvalidQueryError, NnppEdgeError
 from nnpp_edge.runtime.exercises import exercise
+from nnpp_edge.runtime.loop.ladder import one_line
 from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.loop.runner import Loop
 
@@ -64,8 +65,8 @@ class PlannerNode(LifecycleNode):
         """Read what parameters say, load kernels and map, and declare the topics that go out."""
         try:
             self.own, self._pace = checked(values_of(self))
-            exercise()
             located = first_ground(self.own)
+            exercise()
             self._by_topic = located is None
             if located is not None:
                 self._take(located)
@@ -170,9 +171,12 @@ class PlannerNode(LifecycleNode):
 def run(arguments: Sequence[str]) -> int:
     """Run the node until it is told to end, by a signal or a shutdown of ROS; the exit code.
 
-    `arguments` are ROS' own, as ``--ros-args -p rate_hz:=10``.
+    `arguments` are ROS' own, as ``--ros-args -p rate_hz:=10``; InvalidQueryError for others.
     """
-    rclpy.init(args=["nnpp-edge", *arguments], signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        rclpy.init(args=["nnpp-edge", *arguments], signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:
+        raise InvalidQueryError(f"ROS takes no such arguments: {one_line(error)}") from None
     node = PlannerNode()
     stopping = threading.Event()
     for each in (signal.SIGTERM, signal.SIGINT):

@@ -113,6 +113,8 @@ def declare(node: "Node") -> None:
         # a whole number is taken for a fraction, which ROS itself refuses
         descriptor = ParameterDescriptor(description=words + when, dynamic_typing=True)
         node.declare_parameter(name, (asdict(Own()) | _OF_LOOP)[name], descriptor)
+    for name in node._parameter_overrides.keys() - node._parameters.keys():
+        node.get_logger().warning(f"{name} was set, and there is no such parameter")
 
     def check(changes: list[Ros]) -> SetParametersResult:
         try:

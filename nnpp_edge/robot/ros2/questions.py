@@ -1,6 +1,7 @@
 """Plans that others ask for: the service get_plan, and Nav2's actions where they are installed."""
 
-import copy
+import math
+import pickle
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -15,6 +16,7 @@ from nnpp_edge.robot.ros2.frames import Place
 from nnpp_edge.robot.ros2.inputs import RosSource, message_type
 from nnpp_edge.ros.messages import path_message
 from nnpp_edge.runtime.arrays import Floats
+from nnpp_edge.runtime.cells import nearest
 from nnpp_edge.runtime.errors import NnppEdgeError, Status
 from nnpp_edge.runtime.loop.ladder import one_line
 from nnpp_edge.runtime.loop.messages import InvalidMessageError
@@ -24,6 +26,8 @@ from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
 if TYPE_CHECKING:
     from nnpp_edge.robot.ros2.node import PlannerNode
 
+_Copy = tuple[bytes, list[bytearray]]
+"""A pickled planner, and its arrays, which pickling them along would take several times as long."""
 _PLANNERS = ("", "nnpp_edge", "GridBased")
 """Names that requests may have for the planner; the last is that of Nav2's trees."""
 _ERRORS = {
@@ -62,7 +66,7 @@ class Questions:
         self._source = source
         self._sink = sink
         self._navigator: Navigator | None = None
-        self._copies: deque[Future[DynamicPlanner]] = deque()
+        self._copies: deque[Future[_Copy]] = deque()
         """That are wanted of the loop's planner."""
         self._worker = ThreadPoolExecutor(1, "nnpp-edge questions")
         self._service = node.create_service(GetPlan, "get_plan", self._get_plan)
@@ -79,9 +83,13 @@ class Questions:
         self._navigator = navigator
 
     def after_tick(self) -> None:
-        """Copy the planner for who waits for it. For the loop's thread."""
+        """Copy the planner for who waits for it. For the loop's thread, which only copies the map's
+        layers: a planner is made of them where it is wanted.
+        """
         while self._copies and self._navigator is not None:
-            self._copies.popleft().set_result(copy.deepcopy(self._navigator.planner))
+            arrays: list[pickle.PickleBuffer] = []
+            rest = pickle.dumps(self._navigator.planner, 5, buffer_callback=arrays.append)
+            self._copies.popleft().set_result((rest, list(map(bytearray, arrays))))
 
     def close(self) -> None:
         """Answer nothing more."""
@@ -118,7 +126,9 @@ class Questions:
 
     async def _get_plan(self, request: Ros, response: Ros) -> Ros:
         ends = (request.start, request.goal)
-        response.plan = self._path(await self._work(lambda: self._between(*ends), "get_plan"))
+        tolerance_m = request.tolerance
+        given = await self._work(lambda: self._between(*ends, tolerance_m=tolerance_m), "get_plan")
+        response.plan = self._path(given)
         return response
 
     async def _work(self, work: Callable[[], _Given], name: str, planner: str = "") -> _Given:
@@ -178,27 +188,31 @@ class Questions:
             return _Given(error="NO_VIAPOINTS_GIVEN", reason="wanted goals, got none")
         return self._between(request.start if request.use_start else None, *goals)
 
-    def _between(self, start: Ros, *goals: Ros) -> _Given:
+    def _between(self, start: Ros, *goals: Ros, tolerance_m: float = 0.0) -> _Given:
         """A plan from a stamped pose; from the robot's own where it has no frame, or is None."""
         begin = self._source.robot
         if start is not None and start.header.frame_id:
             begin = self._place(start, "a start")
         if begin is None:
             raise InvalidMessageError("wanted the robot's pose, got none yet")
-        return self._planned([begin, *(self._place(goal, "a goal") for goal in goals)])
+        stops = [begin, *(self._place(goal, "a goal") for goal in goals)]
+        return self._planned(stops, tolerance_m)
 
     def _place(self, stamped: Ros, what: str) -> Place:
         return self._node.frames.place(stamped.pose, stamped.header.frame_id, what)
 
-    def _planned(self, stops: Sequence[Place]) -> _Given:
-        """Legs from place to place, on a copy of the loop's planner."""
+    def _planned(self, stops: Sequence[Place], tolerance_m: float) -> _Given:
+        """Legs from place to place, on a copy of the loop's planner; with a tolerance each leads to
+        the nearest cell that can be reached, if that is so near.
+        """
         until = time.monotonic() + _PATIENCE_S
-        wanted: Future[DynamicPlanner] = Future()
+        wanted: Future[_Copy] = Future()
         self._copies.append(wanted)
         try:
-            planner = wanted.result(_PATIENCE_S)
+            rest, arrays = wanted.result(_PATIENCE_S)
         except TimeoutError:
             return _failed(Status.TIMEOUT, "the loop does not run, or is busy")
+        planner: DynamicPlanner = pickle.loads(rest, buffers=arrays)
         frame = self._source.frame
         assert frame is not None
         legs: list[Floats] = []
@@ -206,8 +220,12 @@ class Questions:
             cell = frame.cell(goal.x, goal.y)
             if not planner.state.grid.holds(cell):
                 return _failed(Status.GOAL_OUTSIDE_MAP, f"the map has {planner.shape} cells")
-            planner.set_goal(cell, frame.heading_deg(goal.yaw_rad))
             planner.move(frame.cell(start.x, start.y), frame.heading_deg(start.yaw_rad))
+            if tolerance_m > 0.0:
+                reached = nearest(np.isfinite(planner.reach()), cell)
+                if math.dist(reached, cell) * frame.resolution <= tolerance_m:
+                    cell = reached
+            planner.set_goal(cell, frame.heading_deg(goal.yaw_rad))
             plan = planner.replan(time_limit_s=max(until - time.monotonic(), _LOOK_EVERY_S))
             if not plan.ok:
                 return _failed(plan.status, plan.reason)

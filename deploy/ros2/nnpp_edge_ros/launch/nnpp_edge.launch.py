@@ -18,9 +18,7 @@ def generate_launch_description():
     shipped = PathJoinSubstitution([CONFIG, [robot, ".yaml"]])
     return LaunchDescription(
         [
-            DeclareLaunchArgument(
-                "robot", default_value="rover", choices=["car", "rover", "tracked"]
-            ),
+            DeclareLaunchArgument("robot", default_value="rover", choices=ROBOTS),
             DeclareLaunchArgument("params_file", default_value=shipped),
             DeclareLaunchArgument("autostart_node", default_value="true"),
             Node(
