@@ -37,6 +37,15 @@ class Deadline:
         """Whether it is too late."""
         return self.left_s <= 0.0
 
+    @property
+    def until(self) -> float:
+        """Reading of the clock at which a search stops working, to ask whether it `goes_on`."""
+        return self.at
+
+    def goes_on(self) -> bool:
+        """Whether a search that stopped may go on now; where it works in slices, after a pause."""
+        return not self.passed
+
     def check(self) -> None:
         """OutOfTimeError if it is too late."""
         if self.passed:

@@ -37,7 +37,7 @@ class Stopwatch:
     """
 
     def __init__(self) -> None:
-        self._began = self._stage_began = time.perf_counter()
+        self._began = self._stage_began = self._paused_at = time.perf_counter()
         self._prepared_s = preparing.seconds
         self.timings_ms: dict[str, float] = {}
         """Milliseconds by stage, in the order in which the stages first ended."""
@@ -51,6 +51,16 @@ class Stopwatch:
             self._prepared_s = preparing.seconds
         self._add(stage, now - self._stage_began)
         self._stage_began = now
+
+    def pauses(self) -> None:
+        """Do not count the time from now on."""
+        self._paused_at = time.perf_counter()
+
+    def resumes(self) -> None:
+        """Count again."""
+        paused_s = time.perf_counter() - self._paused_at
+        self._began += paused_s
+        self._stage_began += paused_s
 
     def total_ms(self) -> float:
         """Milliseconds since it was made."""

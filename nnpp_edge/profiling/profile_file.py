@@ -198,6 +198,8 @@ class OnboardLoop(Table, frozen=True):
     """As `DynamicPlanner` takes it; empty for paths of cells alone."""
     approach: bool = False
     """Whether paths lead as near to the goal as there is a way, where none leads to it."""
+    slice_ms: Annotated[float, Meta(ge=0.0, le=1e6)] = 10.0
+    """Milliseconds that a tick searches for a corridor; what takes longer goes on in the next."""
 
     def __post_init__(self) -> None:
         self.check_choice("method", tuple(DynamicMethod))

@@ -112,7 +112,7 @@ LEFT_TURN = 1
 _DIRECTION_MASK = DIRECTION_COUNT - 1
 _AXIS_MASK = AXIS_COUNT - 1
 _LOOK_EVERY = 8
-"""Expansions between two readings of the clock, as each may check poses."""
+"""States taken between two readings of the clock, as each may check poses."""
 
 
 # What is left
@@ -365,13 +365,13 @@ def fill_field(poses, edges, prices, region, seeds, ends, rule, memory, limits):
     room = int64(len(memory.entries)) // 2 - len(rays) - 1
     expansions = memory.counts[EXPANSIONS]
     last = expansions + limits.most
-    look_at = expansions + _LOOK_EVERY
+    taken = 0
     code = PAUSED
     while expansions < last:
-        if expansions >= look_at:
-            look_at = expansions + _LOOK_EVERY
-            if late(limits.until):
-                break
+        # not every state that is taken is expanded, and some take long to check
+        taken += 1
+        if taken % _LOOK_EVERY == 0 and late(limits.until):
+            break
         if front.queue.length > room:
             code = FULL
             break
@@ -638,13 +638,12 @@ def expand_states(poses, edges, prices, field, region, ends, rule, memory, limit
     room = int64(len(memory.entries)) // 2 - ways - DIRECTION_COUNT - 3
     expansions = memory.counts[EXPANSIONS]
     last = expansions + limits.most
-    look_at = expansions + _LOOK_EVERY
+    taken = 0
     code = PAUSED
     while expansions < last:
-        if expansions >= look_at:
-            look_at = expansions + _LOOK_EVERY
-            if late(limits.until):
-                break
+        taken += 1
+        if taken % _LOOK_EVERY == 0 and late(limits.until):
+            break
         if front.queue.length > room:
             code = FULL
             break

@@ -3,7 +3,11 @@ an answer counts.
 
 1. The standing path, if it is valid and cannot have become worse than the loop's tolerance. 2. The
 method asked for, unless by its last times it would be late. 3. The corridor planner. 4. The
-standing path, if it is valid at all. 5. An outcome that says what failed.
+standing path, if it is valid at all. 5. The standing path as far as it is clear, while a search
+goes on. 6. An outcome that says what failed.
+
+Corridors, and thus ``auto``, are searched for in slices: a search that has not ended after its
+budget goes on in the next tick. So no tick is late by them, however large the map.
 
 Every path is checked cell by cell before it is published, on a map that has all patches that came
 before the check.
@@ -25,9 +29,8 @@ from nnpp_edge.runtime.planners.standing_path import Standing
 _LOG = logging.getLogger(__name__)
 _LEAST_PLANNING_S = 0.002
 """A search gets at least this much time: else a loop that is always late would never plan."""
-_MOST_IN_VAIN = 5
-"""A robot without a path stands, and each tick that ends for want of time gives the next one
-twice as long, so many times: else a search that takes longer than a tick would never end."""
+_BEFORE_BLOCK = 8
+"""Cells before what blocks the standing path at which a robot stops that follows it meanwhile."""
 _FORGET = 0.9
 """Factor of a method's expected time each time that the method is skipped as too slow: so it is
 tried again.
@@ -68,10 +71,6 @@ class Tick:
         """To the deadline; below 0 once it has passed."""
         return self.deadline - self.clock()
 
-    def extend(self, times: int) -> None:
-        """Allow for so many times the time from the tick's start."""
-        self.deadline += (times - 1) * max(self.deadline - self._started, 0.0)
-
     def no_path(self, outcome: Status, reason: str, *, degraded: bool = False) -> PathMessage:
         """The answer without a path."""
         ms = 1e3 * (self.clock() - self._started)
@@ -85,8 +84,8 @@ class Ladder:
 
     Every path is checked after `update_map` has put all patches that wait into the planner's map,
     and said how many the map has. The standing path is kept while it can cost at most `tolerance`,
-    a share, more than a new plan. `count_error` is called with ``full`` or ``corridor`` when
-    planning raised.
+    a share, more than a new plan. A search in slices works `slice_s` seconds in each tick that has
+    a deadline. `count_error` is called with ``full`` or ``corridor`` when planning raised.
     """
 
     def __init__(
@@ -94,16 +93,18 @@ class Ladder:
         planner: DynamicPlanner,
         update_map: Callable[[], int],
         tolerance: float,
+        slice_s: float,
         count_error: CountError,
     ) -> None:
         self._planner = planner
         self._update_map = update_map
         self._tolerance = tolerance
         self._count_error = count_error
+        self._slice_s = slice_s
+        self._in_slices = planner.method in (DynamicMethod.AUTO, DynamicMethod.CORRIDOR)
+        """Whether the method asked for works so."""
         self._expected_s = 0.0
-        """Time that the method asked for is expected to take."""
-        self._in_vain = 0
-        """Ticks in a row that ran out of time, at most `_MOST_IN_VAIN`."""
+        """Time that it is expected to take, if not."""
 
     def answer(self, tick: Tick) -> PathMessage:
         """The answer of the first rung that gives one; `tick` holds afterwards what failed on the
@@ -111,18 +112,14 @@ class Ladder:
         """
         standing = self._planner.standing()
         tick.standing = standing if standing.valid else None
-        if tick.standing is None and self._in_vain:
-            tick.extend(2**self._in_vain)
-        answer = (
+        return (
             self._standing_while_good(tick)
             or self._planned_in_full(tick)
             or self._planned_by_corridor(tick)
             or self._standing_path(tick, tick.failures[0].reason)
+            or self._as_far_as_clear(tick)
             or self._all_failed(tick)
         )
-        in_vain = answer.outcome is Status.TIMEOUT
-        self._in_vain = min(self._in_vain + 1, _MOST_IN_VAIN) * in_vain
-        return answer
 
     # --- the rungs: an answer, or None, with what failed noted in the tick
 
@@ -136,6 +133,11 @@ class Ladder:
         return message
 
     def _planned_in_full(self, tick: Tick) -> PathMessage | None:
+        if self._in_slices:
+            return self._planned(tick, Origin.FULL)
+        if self._planner.searching:
+            tick.fail("timeout", "the search of a corridor goes on")
+            return None
         if self._expected_s > max(tick.left_s, _LEAST_PLANNING_S):
             self._expected_s *= _FORGET
             tick.fail("late", "by its last times the full method would be late")
@@ -143,6 +145,8 @@ class Ladder:
         return self._planned(tick, Origin.FULL)
 
     def _planned_by_corridor(self, tick: Tick) -> PathMessage | None:
+        if self._in_slices and self._planner.searching:
+            return None  # it has just had its slice
         if tick.standing is not None and tick.left_s <= 0.0:
             return None  # the standing path takes no time
         return self._planned(tick, Origin.CORRIDOR, DynamicMethod.CORRIDOR)
@@ -157,6 +161,20 @@ class Ladder:
         freed = self._planner.refined(left)
         return self._path(tick, freed, Origin.STANDING, reason) if freed.ok else None
 
+    def _as_far_as_clear(self, tick: Tick) -> PathMessage | None:
+        standing = self._planner.standing()
+        plan = self._planner.standing_plan
+        end = standing.blocked - _BEFORE_BLOCK
+        if plan is None or not self._planner.searching or end <= standing.index:
+            return None
+        part = plan.rest(standing.index, end + 1)
+        cost, _, _ = self._planner.state.grid.costs_of(part.walked)
+        row, col = part.path[-1].tolist()
+        tick.known = replace(tick.known, goal=(row, col), goal_moved=True)
+        freed = self._planner.refined(replace(part, cost=cost, lower_bound=0.0))
+        reason = f"{tick.failures[-1].reason}; the standing path is clear as far as this"
+        return self._path(tick, freed, Origin.STANDING, reason) if freed.ok else None
+
     def _all_failed(self, tick: Tick) -> PathMessage:
         late = any(failure.kind in ("late", "timeout") for failure in tick.failures)
         reason = tick.failures[-1].reason
@@ -169,9 +187,13 @@ class Ladder:
     ) -> PathMessage | None:
         """The answer by a new plan, by default by the method asked for."""
         began = tick.clock()
+        in_slices = self._in_slices or method is DynamicMethod.CORRIDOR
+        left_s = tick.left_s
+        if in_slices and left_s < math.inf:
+            left_s = min(left_s, self._slice_s)
         try:
             plan = self._planner.replan(
-                method=method, time_limit_s=max(tick.left_s, _LEAST_PLANNING_S)
+                method=method, time_limit_s=max(left_s, _LEAST_PLANNING_S), goes_on=in_slices
             )
         except Exception as error:
             _LOG.warning("planning by %s raised", method or self._planner.method, exc_info=True)
@@ -183,7 +205,7 @@ class Ladder:
             mean = 0.8 * self._expected_s + 0.2 * took_s
             self._expected_s = max(took_s, mean if plan.ok else self._expected_s)
         if plan.status is Status.TIMEOUT:
-            tick.fail("timeout", "the search ran out of time")
+            tick.fail("timeout", plan.reason if in_slices else "the search ran out of time")
             return None
         if not plan.ok:
             return tick.no_path(plan.status, plan.reason)

@@ -172,8 +172,8 @@ class PathMessage:
     line_cost: float = math.inf
     """As in `Plan`."""
     goal_moved: bool = False
-    """No path leads to the goal that was asked for; this one leads as near to it as there is a way,
-    to `goal`.
+    """The path leads to `goal` alone: as near to the goal that was asked for as there is a way, or
+    while a search goes on, as far as the standing path is clear; `reason` says so then.
     """
     choice: str = ""
     """Why that method was picked, where there was a choice; for people."""

@@ -67,6 +67,9 @@ class Navigator:
     approach : bool
         Whether paths lead as near to the goal as there is a way, where none leads to it: it may be
         unknown yet. It takes a search over all that can be reached, after each change of the map.
+    slice_ms : float
+        Milliseconds that a corridor is searched for in one tick that has a deadline; a search that
+        takes longer goes on in the next, and the robot follows what is clear of its path meanwhile.
     clock : callable
         Monotonic seconds; deadlines given to `tick` are readings of it.
 
@@ -84,10 +87,12 @@ class Navigator:
         tolerance: float = 0.02,
         snap_radius: int = 3,
         approach: bool = False,
+        slice_ms: float = 10.0,
         clock: Callable[[], float] = time.monotonic,
         **options: Unpack[PlannerOptions],
     ) -> None:
-        for name, value in (("tolerance", tolerance), ("snap_radius", snap_radius)):
+        at_least_0 = {"tolerance": tolerance, "snap_radius": snap_radius, "slice_ms": slice_ms}
+        for name, value in at_least_0.items():
             if not value >= 0:
                 raise InvalidQueryError(f"{name} must be at least 0, got {value}")
         self._snap_radius = snap_radius
@@ -110,7 +115,9 @@ class Navigator:
         """Plans on the loop's one map. It belongs to the thread that calls `tick`."""
         self.planner.prepare()
         self._patches = Patches(self.planner.state)
-        self._ladder = Ladder(self.planner, self._update_map, tolerance, self.count_error)
+        self._ladder = Ladder(
+            self.planner, self._update_map, tolerance, 1e-3 * slice_ms, self.count_error
+        )
 
     @property
     def map(self) -> MapState:
@@ -232,6 +239,8 @@ class Navigator:
         before = self._approached
         if before is not None and before.goal != goal:
             before = None
+        if self.planner.searching:  # what it leads to stays while it goes on
+            return goal if before is None else before.place
         if before is None or before.map_version != self._patches.taken:
             planner = self.planner
             state = self.map

@@ -12,7 +12,7 @@ from nnpp_edge.runtime.planners.plan import Source
 from nnpp_edge.runtime.planners.query import Found, Work
 from nnpp_edge.runtime.planners.searchers import AStarSearcher
 from nnpp_edge.runtime.planners.standing_path import Rest
-from nnpp_edge.runtime.robots.body.search import KeptField
+from nnpp_edge.runtime.robots.body.kept_field import KeptField
 from nnpp_edge.runtime.search.astar import Query, Search
 from nnpp_edge.runtime.tuning import (
     AGAIN_EXPANSIONS,

@@ -204,7 +204,6 @@ class CoarseToFine:
         """Where to look on the map: from level `top` down around the path on the one above; None
         without a way.
         """
-        self._levels = self._state.pyramid_by(query.deadline).levels  # brought up to date
         for number in range(top, 0, -1):
             coarse = self.coarse_levels[number - 1]
             radius = width.radius
@@ -250,6 +249,8 @@ class CoarseToFine:
         """
         coarse = self.coarse_levels[0]
         spent = 0
+        # brought up to date; a search in slices leaves the levels so, while the map changes
+        self._levels = self._state.pyramid_by(query.deadline).levels
         try:
             for left in reversed(range(self._tries)):
                 if (inside := self._descend(query, work, top, region, width)) is None:

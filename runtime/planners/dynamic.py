@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
-from typing import TYPE_CHECKING, Unpack
+from typing import TYPE_CHECKING, NamedTuple, Unpack
 
 import numpy as np
 
@@ -17,7 +17,8 @@ from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Bool, Cells, Float2D
 from nnpp_edge.runtime.cells import Cell, as_cell
 from nnpp_edge.runtime.deadline import Deadline
-from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.errors import InvalidQueryError, Status
+from nnpp_edge.runtime.map.changes import ChangeReader
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.options import PlannerOptions
@@ -27,17 +28,32 @@ from nnpp_edge.runtime.planners.on_map import (
     one_at_a_time,
     split,
 )
-from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan
+from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan, Source
 from nnpp_edge.runtime.planners.query import Found, Work
+from nnpp_edge.runtime.planners.slices import InSlices
 from nnpp_edge.runtime.planners.standing_path import Departure, Standing, StandingPath
-from nnpp_edge.runtime.search.astar import Query
-from nnpp_edge.runtime.tuning import NEAR
+from nnpp_edge.runtime.search.astar import Query, Search
+from nnpp_edge.runtime.tuning import AGAIN_EXPANSIONS, JOIN_AHEAD, NEAR
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.terrain.traversability import Traversability
 
 _JOINED = "a way to the standing path, and on along that"
+_GOES_ON = "the search goes on"
+_CHANGED = "the map changed while it was searched, which begins anew"
 _CORRIDOR = "a new corridor is faster than repairs"
+
+
+class _UnderWay(NamedTuple):
+    """A search that goes on from one call to the next."""
+
+    query: Query
+    """As it was when the search began."""
+    method: DynamicMethod
+    work: Work
+    call: InSlices[Plan]
+    changes: ChangeReader
+    """Of the map, since it began."""
 
 
 class DynamicPlanner(OnMap):
@@ -131,6 +147,7 @@ class DynamicPlanner(OnMap):
         return cls(ground, goal, **rest)
 
     _repeated = True
+    _under_way: _UnderWay | None = None
 
     def _make(self) -> None:
         """As `OnMap._make`; the standing path stays, but no lower bound of its cost."""
@@ -145,6 +162,7 @@ class DynamicPlanner(OnMap):
                 self._path.set(replace(standing, lower_bound=0.0))
 
     def _begin_anew(self) -> None:
+        self._stop_searching()
         self._standing = self._path.plan
         super()._begin_anew()
 
@@ -192,6 +210,17 @@ class DynamicPlanner(OnMap):
         self._goal = cell
         self._goal_heading_deg = heading_deg
         self._path.forget()
+        self._stop_searching()
+
+    @property
+    def searching(self) -> bool:
+        """Whether a search goes on that the next `replan` that `goes_on` takes up."""
+        return self._under_way is not None
+
+    def _stop_searching(self) -> None:
+        if self._under_way is not None:
+            self._under_way.call.stop()
+        self._under_way = None
 
     def _changed(self) -> None:
         self._path.catch_up()
@@ -205,7 +234,10 @@ class DynamicPlanner(OnMap):
 
     @one_at_a_time
     def reach(self, start: Cell | None = None) -> Float2D:
-        """As `Planner.reach`, by default from where the robot is."""
+        """As `Planner.reach`, by default from where the robot is. A search that goes on is
+        dropped.
+        """
+        self._stop_searching()
         return self._reach(self._where() if start is None else start)
 
     @checked(InvalidQueryError)
@@ -244,7 +276,8 @@ class DynamicPlanner(OnMap):
         """
         if self._state.unseen is not None:  # memory goes by what is seen
             return
-        touch(self._methods.astar.workspace, self._path)
+        memory = self._methods.astar.workspace
+        touch(memory, memory.field or memory, self._path)
         self._methods.descent.touch()
         if self.method is DynamicMethod.DSTAR:
             self._methods.prepare_to_mend_map(self._goal)
@@ -261,6 +294,7 @@ class DynamicPlanner(OnMap):
         method: str | None = None,
         time_limit_s: float = math.inf,
         keep_regions: bool = False,
+        goes_on: bool = False,
     ) -> Plan:
         """A path from the robot's cell to the goal, on the current map.
 
@@ -269,6 +303,11 @@ class DynamicPlanner(OnMap):
         stands in for the planner's own, for which alone `prepare` does all there is to do; time and
         regions as in `PlanOptions`.
 
+        With `goes_on` a search that has no time left is kept, and the next call by the same method
+        goes on with it, however the map and the start have changed: TIMEOUT until its path, from
+        the robot's cell, can be walked on the map as it is then. Of ground that is known coarsely
+        it begins anew.
+
         Raises
         ------
         InvalidQueryError
@@ -276,7 +315,6 @@ class DynamicPlanner(OnMap):
         ModelError
             The network is needed and cannot be loaded.
         """
-        work = Work()
         wanted = self.method if method is None else DynamicMethod(method)
         query = Query.of(
             self._where(),
@@ -285,15 +323,98 @@ class DynamicPlanner(OnMap):
             direction=self._direction,
             wanted=self._arrivals(self._goal_heading_deg),
         )
+        if goes_on and self._state.unseen is None:
+            plan = self._in_slices(query, wanted, keep_regions)
+        else:
+            self._stop_searching()
+            plan = self._planned(query, Work(), wanted, keep_regions)
+        if plan.ok:
+            self._path.set(plan)
+        return self._freed(plan, deadline=query.deadline) if self._refines else plan
 
+    def _planned(self, query: Query, work: Work, wanted: DynamicMethod, keep_regions: bool) -> Plan:
         methods = self._methods
         ways = self._by_figures(query) if wanted is DynamicMethod.AUTO else [methods.way(wanted)]
         if not wanted.whole_map:
             ways = [(DynamicMethod.CORRIDOR, _JOINED, self._rejoined), *ways]
-        plan = methods.plan(query, work, wanted, ways, keep_regions=keep_regions)
-        if plan.ok:
-            self._path.set(plan)
-        return self._freed(plan, deadline=query.deadline) if self._refines else plan
+        return methods.plan(query, work, wanted, ways, keep_regions=keep_regions)
+
+    def _in_slices(self, query: Query, wanted: DynamicMethod, keep_regions: bool) -> Plan:
+        """A plan by a search that goes on from call to call; TIMEOUT while it does."""
+        under_way = self._under_way
+        if under_way is None or under_way.method is not wanted:
+            self._stop_searching()
+            work = Work()
+
+            def search(slices: Deadline) -> Plan:
+                in_slices = query._replace(deadline=slices)
+                return self._planned(in_slices, work, wanted, keep_regions)
+
+            changes = self._state.log.reader()
+            under_way = _UnderWay(query, wanted, work, InSlices(search), changes)
+            self._under_way = under_way
+        under_way.work.resumes()
+        plan = under_way.call.work(query.deadline)
+        if plan is None:
+            under_way.work.pauses()
+            return self._nothing_yet(under_way, _GOES_ON)
+        self._under_way = None
+        changed = under_way.changes.read()
+        before = under_way.query
+        moved = (before.start, before.direction) != (query.start, query.direction)
+        if not plan.ok:
+            # where cells have only become impassable, there is no path all the more
+            opened = any(change.cheaper for change in changed)
+            return self._nothing_yet(under_way, _CHANGED) if moved or opened else plan
+        if not (moved or changed):
+            return plan
+        return self._from_here(plan, query, under_way) or self._nothing_yet(under_way, _CHANGED)
+
+    def _from_here(self, plan: Plan, query: Query, under_way: _UnderWay) -> Plan | None:
+        """A plan that was searched for while the map and the robot's place changed, from there on
+        the map as it is; None where it cannot be driven.
+        """
+        try:
+            self._path.set(replace(plan, lower_bound=0.0))
+        except InvalidQueryError:
+            return None
+        standing = self._path.check(query.start, query.direction)
+        if standing.valid:
+            rest = plan.rest(standing.index)
+            known = replace(rest, cost=standing.cost, lower_bound=standing.lower_bound)
+            return known.over(self._state)
+        # the robot has gone on beside it meanwhile: a way there, which is short
+        work = under_way.work
+        arcs = self._methods.arcs is not None
+        found = self._rejoined(query, work) if arcs else self._joined(query, work)
+        if found is None:
+            return None
+        joined = found.plan(DynamicMethod.CORRIDOR, work, self._state, choice=_JOINED)
+        blocked = self._state.grid.walk(joined.walked, 0, np.empty(len(joined.path)))
+        return joined if joined.ok and blocked < 0 else None
+
+    def _joined(self, query: Query, work: Work) -> Found | None:
+        """A way to a place ahead on the standing path, and on along that; None where there is none
+        soon.
+        """
+        rest = self._path.rest(query.start, query.direction)
+        if rest is None:
+            return None
+        ahead = min(JOIN_AHEAD, len(rest.states) - 1)
+        if ahead < len(rest.states) - 1:
+            row, col = rest.states[ahead].tolist()
+            query = query._replace(goal=(row, col), wanted=None)
+        way = self._methods.astar.search(query, work, None, limit=AGAIN_EXPANSIONS)
+        if way.status is not Status.OK:
+            return None
+        path = np.concatenate((way.path, rest.states[ahead + 1 :]))
+        whole = Search(Status.OK, path, 0, rest.bound)
+        return Found.of(self._state.grid, whole, Source.STANDING, None, work)
+
+    def _nothing_yet(self, under_way: _UnderWay, reason: str) -> Plan:
+        """No plan, as a search has not ended, or in vain."""
+        nothing = Found.too_late(Source.REGION)
+        return nothing.plan(under_way.method, under_way.work, self._state, reason=reason)
 
     @checked(InvalidQueryError)
     @one_at_a_time

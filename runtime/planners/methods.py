@@ -200,9 +200,14 @@ class Methods:
             why = ""
             found = Found.too_late(Source.MAP if wanted.whole_map else Source.REGION)
         assert found is not None
+        if robot.columns == 2:  # the turns from and to a given heading count, and are no steps
+            turns = int(query.direction >= 0) + int(query.wanted is not None)
+            bound = found.lower_bound - turns * robot.readiness
+            found = found._replace(lower_bound=bound)
         plan = found.plan(by, work, state, checked_before, choice=why, keep_regions=keep_regions)
         if plan.status is not Status.NO_PATH:
             return plan
+        query.deadline.goes_on()  # why takes long to tell
         self.exhausted = found.search.exhausted or self.astar.workspace
         ended = robot.why_ended(state.grid, query.start, query.goal, self.exhausted)
         return replace(plan, reason=f"{plan.reason}; {ended}") if ended else plan

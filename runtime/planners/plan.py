@@ -212,11 +212,11 @@ class Plan:
             return self.path
         return np.column_stack((self.path, self.states)).astype(np.int32)
 
-    def rest(self, first: int) -> "Plan":
-        """The plan with the rest of its path, from one of its cells on."""
-        states = None if self.states is None else self.states[first:]
+    def rest(self, first: int, end: int | None = None) -> "Plan":
+        """The plan with the rest of its path, from one of its cells on, or before another."""
+        states = None if self.states is None else self.states[first:end]
         return replace(
-            self, path=self.path[first:], states=states, known=max(self.known - first, 0)
+            self, path=self.path[first:end], states=states, known=max(self.known - first, 0)
         )
 
     @property

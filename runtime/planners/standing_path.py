@@ -66,6 +66,8 @@ class Standing:
     """Of the robot's cell on the path; -1 where it is not on it."""
     blocked_at: Cell | None = None
     """First cell that can no longer be stepped on."""
+    blocked: int = -1
+    """Its number on the path."""
     cost: float = math.inf
     """Of what is left of the path; inf unless it is valid."""
     lower_bound: float = 0.0
@@ -204,9 +206,10 @@ class StandingPath:
         blocked = self._grid.walk(self.plan.walked, index, self._scratch)
         if blocked >= 0:
             cell = int(path[blocked, 0]), int(path[blocked, 1])
-            return Standing(Footing.BLOCKED, index, cell, lower_bound=lower, floor=floor)
+            return Standing(Footing.BLOCKED, index, cell, blocked, lower_bound=lower, floor=floor)
         cost = float(self._scratch[-1])
-        return Standing(Footing.VALID, index, None, cost, min(lower, cost), min(floor, cost))
+        bounds = (min(lower, cost), min(floor, cost))
+        return Standing(Footing.VALID, index, None, -1, cost, *bounds)
 
     def passed(self, row: float, col: float, heading_deg: float) -> Departure | None:
         """The state that a body has passed last, where it drives along the path's arcs and the one

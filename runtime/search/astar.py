@@ -6,7 +6,6 @@ sharpen it.
 """
 
 import math
-import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -21,6 +20,7 @@ from nnpp_edge.runtime.kernels import expansion as kernels
 from nnpp_edge.runtime.kernels.nodes import EXHAUSTED, FOUND, FULL, PAUSED
 from nnpp_edge.runtime.kernels.records import (
     BEST_NODE,
+    EXPANSIONS,
     Ends,
     FieldRule,
     Hints,
@@ -173,9 +173,10 @@ def astar(
     rule = Rule(*grid.prices, width, _successors(grid, links), farthest)
     landmarks = kernels.NO_HINTS if hints is None else tuple(hints)
     before = grid.packed, grid.robot.edges(backwards), _ways(links), allowed(region), landmarks
-    limits = Limits(limit or WITHOUT_END, deadline.at)
+    search = Spreading(kernels.expand, before, rule)
+    ends = Ends(first, last)
     code, length, expansions, refused = run(
-        kernels.expand, before, rule, Ends(first, last), workspace, limits
+        *search, ends, workspace, limit or WITHOUT_END, deadline
     )
     end = last if code == FOUND else int(workspace.counts[BEST_NODE])
     trace = partial(kernels.trace, stride=grid.stride)
@@ -188,18 +189,32 @@ def run(
     rule: Rule | FieldRule | StateRule,
     ends: Ends,
     workspace: Workspace,
-    limits: Limits,
+    most: int,
+    deadline: Deadline,
 ) -> Parts:
-    """The outcome of a search's kernel; the open list grows as it needs, unless it is late."""
-    if ends.start != ON:
+    """The outcome of a search's kernel after at most so many expansions more, or at the deadline;
+    the open list grows as it needs.
+    """
+    begun = 0
+    if ends.start == ON:
+        begun = int(workspace.counts[EXPANSIONS])
+    else:
         workspace.next_stamp()
+    left = most
     while True:
+        limits = Limits(left, deadline.until)
         found: Parts = kernel(*before, tuple(ends), tuple(rule), workspace.packed, tuple(limits))
         code, *_ = found
-        if code != FULL or time.monotonic() >= limits.until:
+        # it has ended, or done all that it may
+        left = begun + most - int(workspace.counts[EXPANSIONS])
+        if code not in (FULL, PAUSED) or left <= 0:
             return found
+        # it is late, or has no room; in slices it goes on later
+        if not deadline.goes_on():
+            return found
+        if code == FULL:
+            workspace.grow()
         ends = ends._replace(start=ON)
-        workspace.grow()
 
 
 def traced(
@@ -260,10 +275,9 @@ def _settling(
     """
     search = grid.robot.spreading(grid, workspace, links)
     begin = grid.node(*source)
-    limits = Limits(most, deadline.at)
     code = PAUSED
     while code == PAUSED:
-        code, *_ = run(*search, Ends(begin, NOWHERE), workspace, limits)
+        code, *_ = run(*search, Ends(begin, NOWHERE), workspace, most, deadline)
         begin = ON
         if code != EXHAUSTED:
             deadline.check()

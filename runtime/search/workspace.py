@@ -24,6 +24,7 @@ from nnpp_edge.runtime.kernels.records import (
     Memory,
     Packed,
 )
+from nnpp_edge.runtime.memory import virtual_zeros
 
 LAST_STAMP = (1 << (31 - STAMP_SHIFT)) - 1
 """The greatest number of a search; the next one is 1 again, and the memory is cleared."""
@@ -62,13 +63,14 @@ class Workspace:
 
     states = 1
 
-    def __init__(self, nodes: int, states: int = 1) -> None:
+    def __init__(self, nodes: int, states: int = 1, *, sparse: bool = False) -> None:
         self.field = Workspace(nodes) if states > 1 else None
         """Memory of a search of the nodes that goes before one of their states."""
         self.states = states
         self._nodes = nodes
         nodes = nodes * states
-        state, self._searches = _memory(2 * nodes)
+        size = 2 * nodes
+        state, self._searches = (virtual_zeros(size, np.int32), [0]) if sparse else _memory(size)
         self.g: Float32s = state.view(np.float32)
         """g of node n at 2n."""
         self.meta: Int32 = state
@@ -127,10 +129,10 @@ class Workspace:
 
     @cached_property
     def from_goal(self) -> "Workspace":
-        """Memory of a search from the other end, which is to stay small: the system backs what it
-        writes to.
+        """Memory of a search from the other end, which stays small: the system backs what it
+        writes to, by small pages, which are there at once.
         """
-        return Workspace(self._nodes, self.states)
+        return Workspace(self._nodes, self.states, sparse=True)
 
     @property
     def least_open(self) -> float:

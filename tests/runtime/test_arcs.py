@@ -28,7 +28,7 @@ from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, Status
 from nnpp_edge.runtime.kernels.poses import AXIS_COUNT, FAILS, MOST_CODE
 from nnpp_edge.runtime.planners import arc_corridor
 from nnpp_edge.runtime.planners.standing_path import StandingPath
-from nnpp_edge.runtime.robots.body import search
+from nnpp_edge.runtime.robots.body import kept_field, search
 from nnpp_edge.runtime.robots.body.arcs import heading_deg
 from nnpp_edge.runtime.robots.body.primitives import primitives
 from nnpp_edge.terrain.dem import sample_dem
@@ -632,9 +632,9 @@ def test_once_much_of_the_map_has_changed_the_costs_to_go_are_found_anew_and_the
 
 def test_a_search_by_the_kept_costs_to_go_is_given_up_soon(monkeypatch):
     limits = []
-    search_by_kept = search.KeptField.search
+    search_by_kept = kept_field.KeptField.search
     monkeypatch.setattr(
-        search.KeptField,
+        kept_field.KeptField,
         "search",
         lambda *given, limit=None: limits.append(limit) or search_by_kept(*given, limit=limit),
     )

@@ -17,6 +17,7 @@ from nnpp_edge.runtime import (
 )
 from tests import oracles
 from tests.fuzz import bodies
+from tests.pose_oracles import rocks
 
 CLOSE = 1e-5
 """g is kept in float32."""
@@ -131,6 +132,23 @@ def test_the_bound_of_a_bodys_path_holds(method):
             )
             is None
         )
+
+
+@pytest.mark.parametrize("ends", [("start",), ("goal",), ("start", "goal")])
+def test_the_bound_of_a_bodys_path_leaves_out_turns_on_the_spot_at_its_ends(ends):
+    """They count in the search for a given heading; the cost of a path of cells is without them."""
+    vehicle = Vehicle(1.3, 0.9, 0.3)
+    for seed in range(12):
+        dem = rocks(seed, 60, 60, 0.01)
+        dem[:14, :14] = dem[44:, 42:] = 0.0  # there it can turn
+        planner = Planner.of_elevation(dem, 0.25, vehicle=vehicle, warn=False)
+        plans = [
+            planner.plan((6, 6), (52, 50), method="astar", **headings)
+            for heading in range(0, 360, 45)
+            for headings in [{f"{end}_heading_deg": float(heading) for end in ends}]
+        ]
+        costs = [plan.cost for plan in plans if plan.ok]
+        assert all(plan.lower_bound <= min(costs) * (1 + CLOSE) for plan in plans if plan.ok)
 
 
 def test_the_bound_of_a_mended_path_is_what_a_path_costs_at_the_least():

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from nnpp_edge.runtime.arrays import Bool, Float32s, Int32
-from nnpp_edge.runtime.cells import Cell, widened
+from nnpp_edge.runtime.arrays import Bool, Float32s
+from nnpp_edge.runtime.cells import widened
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels import expansion as kernels
 from nnpp_edge.runtime.kernels.lattice import (
@@ -35,7 +35,6 @@ from nnpp_edge.runtime.kernels.records import (
     FieldRule,
     Frame,
     Legs,
-    Limits,
     Packed,
     Prices,
     Seeds,
@@ -62,17 +61,13 @@ from nnpp_edge.runtime.tuning import (
     BUCKET_WIDTH_BY_LANDMARKS,
     CHECKED_FROM,
     CHECKED_SHARE,
-    FIELD_KEPT,
     REOPENED_WITHIN,
     TURNS_IN_FIELD,
 )
 
 if TYPE_CHECKING:
-    from nnpp_edge.runtime.map.changes import ChangeLog
     from nnpp_edge.runtime.map.grid import Grid
 
-Goal = tuple[Cell, bytes | None]
-"""A cell, and in which of the directions it may be arrived at."""
 _UNJUDGED: Packed = tuple(Legs(0.0, 0.0, 0.0))
 """Of a search that nothing guides."""
 
@@ -129,9 +124,8 @@ class LastMetres(NamedTuple):
         # search a few states from the goal, the other way round
         backwards = np.resize(np.roll(query.wanted, DIRECTION_COUNT // 2), workspace.states)
         search = spreading(grid, states, workspace, backwards)
-        limits = Limits(AROUND_GOAL, query.deadline.at)
         from_goal = Ends(grid.node(*query.goal), NOWHERE)
-        code, _, spent, _ = run(*search, from_goal, workspace, limits)
+        code, _, spent, _ = run(*search, from_goal, workspace, AROUND_GOAL, query.deadline)
         # what it came to lies in a rectangle around the goal
         longest = int(np.abs(states.prices.moves[..., [DOWN, RIGHT]]).max())
         reach = min(int(workspace.least_open / grid.prices[0]) + 2 * longest, spent * longest)
@@ -209,7 +203,7 @@ class FromGoal:
         begun, ended = (_turned_round(each) for each in (at_goal, starting))
         self._search = spreading(grid, states, self.memory, begun, ended, inside)
         self._ends = Ends(grid.node(*query.goal), grid.node(*query.start))
-        self._until = query.deadline.at
+        self._deadline = query.deadline
         self._done = False
 
     def finds_none(self, most: int) -> bool:
@@ -218,8 +212,9 @@ class FromGoal:
         """
         if self._done or most <= self.expansions:
             return False
-        limits = Limits(most - self.expansions, self._until)
-        code, _, self.expansions, self.refused = run(*self._search, self._ends, self.memory, limits)
+        left = most - self.expansions
+        found = run(*self._search, self._ends, self.memory, left, self._deadline)
+        code, _, self.expansions, self.refused = found
         self._ends = self._ends._replace(start=ON)
         self._done = code != PAUSED
         return bool(code == EXHAUSTED)
@@ -251,10 +246,10 @@ def search_states(
         last_metres = None  # so near that the field may as well begin at the goal
     elif last_metres is not None and last_metres.exhausted:
         return Search.without_path(Status.NO_PATH, columns=robot.columns)
-    limits = Limits(limit or WITHOUT_END, query.deadline.at)
-    refused_at_least = math.inf if region is None else _octile(grid, query)
+    most = limit or WITHOUT_END
+    refused_at_least = math.inf if region is None else octile_cost(grid, query)
     # where the field begins
-    seeds = _goal_alone(grid, query)
+    seeds = goal_alone(grid, query)
     if last_metres is not None:
         seeds = last_metres.begun
         while len(field.entries) < 4 * len(seeds.nodes):
@@ -262,8 +257,8 @@ def search_states(
         if region is not None:
             last_metres.mark(region, grid.stride)
     # fill it, from the goal to the start
-    turns = _turns_in_field(grid, query, region)
-    code, spent, refused = _filled(grid, query, workspace, region, turns, seeds, limits)
+    turns = turns_in_field(grid, query, region)
+    code, spent, refused = filled(grid, query, workspace, region, turns, seeds, most)
     if last_metres is not None:
         last_metres.put_into(field)
     if code != FOUND:
@@ -273,26 +268,26 @@ def search_states(
         return nothing._replace(exhausted=field if code == EXHAUSTED else None)
     # search the states by it, from the start to the goal
     guide = Guide(first, float(field.g[2 * first]), turns)
-    found = _by_field(grid, query, workspace, allowed(region), guide, limits)
+    found = by_field(grid, query, workspace, region, guide, most)
     if found.status is not Status.NO_PATH or found.refused_f < math.inf:
         found = found._replace(refused_f=refused_at_least)
     return found._replace(expansions=found.expansions + spent)
 
 
-def _goal_alone(grid: "Grid", query: Query) -> Seeds:
+def goal_alone(grid: "Grid", query: Query) -> Seeds:
     """A field begins at the goal."""
     node, onwards = np.array([[grid.node(*query.goal)], [0]], np.int32)
     return Seeds(node, np.zeros(1, np.float32), onwards)
 
 
-def _filled(
+def filled(
     grid: "Grid",
     query: Query,
     workspace: Workspace,
     region: Region | None,
     turns: Float32s,
     seeds: Seeds,
-    limits: Limits,
+    most: int = WITHOUT_END,
 ) -> Parts:
     """What filling the field of a region comes to: the code, the expansions, the least f of a cell
     that the region refused.
@@ -307,112 +302,16 @@ def _filled(
     rule = FieldRule(tuple(_best(grid)), bucket_width(grid), turns)
     before = (states.poses, states.edges, tuple(prices), allowed(region), tuple(seeds))
     ends = Ends(grid.node(*query.goal), grid.node(*query.start))
-    return run(fill_field, before, rule, ends, field, limits)
+    return run(fill_field, before, rule, ends, field, most, query.deadline)
 
 
-class KeptField:
-    """The field of the last search that was worth keeping: it guides the next one to the same goal,
-    for an answer about as good.
-
-    What is driven is checked on the map as it is, and the field is dropped once much of the map has
-    changed. `workspace` is the search's memory.
-    """
-
-    def __init__(self, grid: "Grid", workspace: Workspace, log: "ChangeLog") -> None:
-        self._grid = grid
-        self._workspace = workspace
-        self._log = log
-        self._changes = log.reader()
-        self._goal: Goal | None = None
-        self._region: Region | None = None
-        self._stamp = 0
-        self._begun: Cell = (0, 0)
-        self._promised = math.inf
-        self._turns = np.empty((0, DIRECTION_COUNT), np.float32)
-        self.above = 1.0
-        """Cost of the path that was found by it, over what it promised."""
-
-    def keep(self, query: Query, region: Region | None, search: Search, cost: float) -> None:
-        """Keep the field of a search that has just found a path of this cost; at the goal itself
-        there was none.
-        """
-        if search.promised == math.inf:
-            return
-        self._goal = _goal_of(query)
-        self._region = None if region is None else region.copy()
-        self._turns = _turns_in_field(self._grid, query, region)
-        self._is_new(query, search.promised)
-        self.above = cost / search.promised
-
-    def refill(self, query: Query) -> int:
-        """Fill the field anew, on the map as it is, where it last led to a path to the goal: the
-        expansions.
-        """
-        field = self._workspace.field
-        if field is None or _goal_of(query) != self._goal:
-            return 0
-        limits = Limits(WITHOUT_END, query.deadline.at)
-        place = (self._workspace, self._region, self._turns)
-        code, spent, _ = _filled(self._grid, query, *place, _goal_alone(self._grid, query), limits)
-        self._goal = None
-        if code == FOUND:
-            self._goal = _goal_of(query)
-            self._is_new(query, float(field.g[2 * self._grid.node(*query.start)]))
-        return int(spent)
-
-    def _is_new(self, query: Query, promised: float) -> None:
-        """The field was filled just now, and has this cost from the start."""
-        assert self._workspace.field is not None
-        self._stamp = self._workspace.field.stamp
-        self._begun = query.start
-        self._promised = promised
-        self._changes = self._log.reader()
-
-    def cost_from(self, query: Query) -> float:
-        """Least cost from start to goal by the field; inf to another goal, or where it is out of
-        date.
-        """
-        field = self._workspace.field
-        grid = self._grid
-        if field is None or (_goal_of(query), field.stamp) != (self._goal, self._stamp):
-            return math.inf
-        if sum(change.cells for change in self._changes.peek()) > FIELD_KEPT * grid.cells:
-            return math.inf
-        node = grid.node(*query.start)
-        known = float(field.costs(slice(node, node + 1))[0])
-        if known < math.inf:
-            return known
-        return self._promised - float(octile.py_func(*query.start, *self._begun, *grid.prices))
-
-    def search(
-        self, query: Query, by_way_of: Int32 | None = None, limit: int | None = None
-    ) -> Search:
-        """A path by the field, where `cost_from` is known, to the goal or to a state
-        (row, col, number) on the way; at the `limit` of expansions the best path so far counts.
-        """
-        grid = self._grid
-        if by_way_of is not None:
-            row, col, state = by_way_of.tolist()
-            wanted = np.arange(self._workspace.states) == state
-            query = query._replace(goal=(row, col), wanted=wanted)
-        guide = Guide(grid.node(*self._begun), self._promised, self._turns)
-        limits = Limits(limit or WITHOUT_END, query.deadline.at)
-        place = (self._workspace, allowed(self._region))
-        found = _by_field(grid, query, *place, guide, limits, best_so_far=limit is not None)
-        return found._replace(refused_f=_octile(grid, query))
-
-
-def _goal_of(query: Query) -> Goal:
-    return query.goal, None if query.wanted is None else query.wanted.tobytes()
-
-
-def _by_field(
+def by_field(
     grid: "Grid",
     query: Query,
     workspace: Workspace,
-    inside: Parts,
+    region: Region | None,
     guide: Guide,
-    limits: Limits,
+    most: int,
     *,
     best_so_far: bool = False,
 ) -> Search:
@@ -441,24 +340,26 @@ def _by_field(
         at_goal,
     )
     ends = Ends(grid.node(*query.start), grid.node(*query.goal))
+    inside = allowed(region)
+    deadline = query.deadline
     before = (*states.packed, tuple(judge), inside)
     search = Spreading(expand_states, before, rule)
-    most = limits.most if len(states.edges) else min(limits.most, CHECKED_FROM)
-    code, length, expansions, refused = run(*search, ends, workspace, limits._replace(most=most))
+    unchecked = most if len(states.edges) else min(most, CHECKED_FROM)
+    code, length, expansions, refused = run(*search, ends, workspace, unchecked, deadline)
     exhausted = workspace
     checked = 0
-    if code == PAUSED and most < limits.most and not query.deadline.passed:
+    if code == PAUSED and unchecked < most and not deadline.passed:
         # look from the goal, too, whether any way leads there, while this goes on
         check = FromGoal(grid, query, workspace, inside, starting, at_goal)
-        while code == PAUSED and expansions < limits.most and not query.deadline.passed:
+        while code == PAUSED and expansions < most and not deadline.passed:
             if check.finds_none(int(CHECKED_SHARE * expansions)):
                 code = EXHAUSTED
                 refused = check.refused
                 exhausted = check.memory
                 break
             ends = ends._replace(start=ON)
-            more = limits._replace(most=min(expansions, limits.most - expansions))
-            code, length, expansions, refused = run(*search, ends, workspace, more)
+            more = min(expansions, most - expansions)
+            code, length, expansions, refused = run(*search, ends, workspace, more, deadline)
         checked = check.expansions
     end = int(workspace.counts[BEST_NODE])
     trace = partial(trace_states, prices=tuple(states.prices), frame=frame)
@@ -494,7 +395,7 @@ def _at_once(query: Query) -> tuple[int, int, int]:
     return *query.start, max(query.direction, 0)
 
 
-def _octile(grid: "Grid", query: Query) -> float:
+def octile_cost(grid: "Grid", query: Query) -> float:
     return float(octile.py_func(*query.start, *query.goal, *grid.prices))
 
 
@@ -503,7 +404,7 @@ def _frame(grid: "Grid", workspace: Workspace) -> Packed:
     return tuple(Frame(workspace.states.bit_length() - 1, grid.stride))
 
 
-def _turns_in_field(grid: "Grid", query: Query, region: Region | None) -> Float32s:
+def turns_in_field(grid: "Grid", query: Query, region: Region | None) -> Float32s:
     """Costs of turns in the costs to go of cells; on the whole map they are free."""
     states = grid.robot.states()
     assert states is not None

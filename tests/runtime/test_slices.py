@@ -1,0 +1,309 @@
+"""Searches that go on from one tick to the next: what they find while the map and the robot's place
+change, and how little each slice may do.
+
+More maps: ``NNPP_EDGE_MAPS=500 pytest tests/runtime/test_slices.py``.
+"""
+
+import copy
+import itertools
+import math
+import os
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from nnpp_edge.runtime import (
+    DynamicPlanner,
+    Goal,
+    Ground,
+    MapPatch,
+    Navigator,
+    Origin,
+    Pose,
+    Status,
+    Vehicle,
+)
+from nnpp_edge.runtime.planners.coarse_to_fine import CoarseLevel
+from nnpp_edge.runtime.planners.dynamic import DynamicMethod
+from tests.pose_oracles import rocks
+from tests.strategies import flat
+
+MAPS = int(os.environ.get("NNPP_EDGE_MAPS", "3"))
+CELL_M = 0.25
+SHAPE = (120, 120)
+START, GOAL = (12, 12), (105, 104)
+ROBOTS = {
+    "point": None,
+    "body": Vehicle(1.3, 0.9, 0.3),
+    "arcs": Vehicle(1.3, 0.9, 0.3, turning_radius_m=1.1, reverse_cost=1.5),
+}
+pytestmark = pytest.mark.parametrize("robot", ROBOTS)
+
+
+def moving(robot, dem, method="auto"):
+    planner = DynamicPlanner.of_elevation(
+        dem, CELL_M, GOAL, vehicle=ROBOTS[robot], method=method, warn=False
+    )
+    planner.move(START, 100.0)
+    return planner
+
+
+def sliced(planner, between=lambda: None, **options):
+    """The plan of a search by the shortest slices, and how many they were."""
+    for slices in range(1, 20_000):
+        plan = planner.replan(time_limit_s=0.0, goes_on=True, **options)
+        if plan.status is not Status.TIMEOUT:
+            return plan, slices
+        between()
+    raise AssertionError("the search does not end")
+
+
+def walled():
+    """A plane with a wall across, and a gate in its middle."""
+    dem = np.zeros(SHAPE)
+    dem[58:62] = 5.0
+    dem[58:62, 50:70] = 0.0
+    return dem
+
+
+@pytest.mark.parametrize("method", ["auto", "corridor", "astar"])
+def test_on_a_map_that_stays_a_search_in_slices_finds_what_one_at_once_finds(robot, method):
+    dem = rocks(5, *SHAPE, 0.004)
+    at_once = moving(robot, dem, method).replan()
+    planner = moving(robot, dem, method)
+    plan, slices = sliced(planner)
+    assert at_once.ok and slices > 1 and not planner.searching
+    assert np.array_equal(plan.walked, at_once.walked)
+    assert (plan.cost, plan.lower_bound) == (at_once.cost, at_once.lower_bound)
+    assert plan.expansions == at_once.expansions
+
+
+def test_a_brief_search_is_as_brief_in_slices(robot):
+    """The goal is near, behind a wall."""
+    dem = walled()
+    dem[58:62, 50:70] = 5.0
+    dem[58:62, 100:] = 0.0
+    plans = []
+    for goes_on in (False, True):
+        planner = moving(robot, dem)
+        planner.set_goal((66, 50))
+        planner.move((54, 50), 0.0)
+        plans.append(sliced(planner)[0] if goes_on else planner.replan())
+    at_once, plan = plans
+    assert plan.ok and plan.choice == at_once.choice and plan.expansions == at_once.expansions
+    assert robot == "arcs" or "corridor" in plan.choice
+
+
+@pytest.mark.parametrize("seed", range(MAPS))
+def test_while_the_map_changes_a_search_ends_at_a_path_that_the_newest_map_allows(robot, seed):
+    dem = rocks(seed, *SHAPE, 0.004)
+    planner = moving(robot, dem)
+    rng = np.random.default_rng(seed)
+    left = [12]
+
+    def change():
+        if left[0] and rng.random() < 0.1:
+            left[0] -= 1
+            row, col = rng.integers(20, 90, 2)
+            patch = dem[row : row + 6, col : col + 6]
+            patch[2:4, 2:4] += rng.choice([-0.5, 0.5])
+            planner.update_elevation(row, col, patch)
+
+    plan, _ = sliced(planner, change)
+    exact = moving(robot, dem, "astar").replan()
+    assert plan.ok == exact.ok
+    if plan.ok:
+        assert planner.first_blocked(plan.walked) < 0
+        walked = np.empty(len(plan.path))
+        planner.state.grid.walk(plan.walked, 0, walked)
+        assert plan.cost == pytest.approx(walked[-1], rel=1e-6)
+        assert plan.lower_bound <= exact.cost * (1 + 1e-5)
+        assert exact.lower_bound <= plan.cost * (1 + 1e-5)
+
+
+def before_the_last_slice(planner, change):
+    """The plan of a search during which the map changes when there is one slice left to do."""
+    _, slices = sliced(copy.deepcopy(planner))
+    number = itertools.count(2)
+    plan, _ = sliced(planner, lambda: change() if next(number) == slices else None)
+    return plan
+
+
+def test_no_path_is_no_answer_of_a_search_during_which_the_wall_was_opened(robot):
+    dem = walled()
+    dem[58:62] = 5.0
+    planner = moving(robot, dem)
+    plan = before_the_last_slice(
+        planner, lambda: planner.update_elevation(58, 50, np.zeros((4, 20)))
+    )
+    assert plan.ok
+
+
+def test_a_bound_of_the_map_as_it_was_is_none_once_a_shorter_way_was_opened(robot):
+    dem = walled()
+    dem[58:62, 45:75] = 5.0
+    dem[58:62, 100:] = 0.0
+    planner = moving(robot, dem, "astar")
+    dem[58:62, 50:70] = 0.0
+    plan = before_the_last_slice(
+        planner, lambda: planner.update_elevation(58, 50, dem[58:62, 50:70])
+    )
+    exact = moving(robot, dem, "astar").replan()
+    assert plan.ok and exact.cost < 0.95 * plan.cost and plan.lower_bound <= exact.cost
+
+
+def test_a_path_that_was_blocked_while_it_was_searched_for_is_no_answer(robot):
+    dem = walled()
+    dem[58:62, 100:] = 0.0
+    planner = moving(robot, dem)
+    plan = before_the_last_slice(
+        planner, lambda: planner.update_elevation(58, 45, np.full((4, 30), 5.0))
+    )
+    assert plan.ok and planner.first_blocked(plan.walked) < 0
+    assert (plan.path[:, 1] > 95).any()
+
+
+def test_no_path_is_the_answer_where_the_map_only_got_more_walls(robot):
+    """Of a point: a body's changes do not tell whether they opened a way."""
+    dem = walled()
+    dem[58:62] = 5.0
+    planner = moving(robot, dem)
+    planner.replan(time_limit_s=0.0, goes_on=True)
+    planner.update_elevation(30, 30, np.full((4, 4), 5.0))
+    plan, _ = sliced(planner)
+    assert plan.status is Status.NO_PATH
+
+
+def test_a_path_begins_where_the_robot_is_by_then(robot):
+    planner = moving(robot, rocks(5, *SHAPE, 0.004))
+    planner.replan(time_limit_s=0.0, goes_on=True)
+    for cell in ((13, 14), (14, 16)):
+        planner.move(cell, 120.0)
+        plan = planner.replan(time_limit_s=0.0, goes_on=True)
+    plan, _ = sliced(planner)
+    assert tuple(plan.path[0]) == (14, 16) and tuple(plan.path[-1]) == GOAL
+    assert planner.first_blocked(plan.walked) < 0
+    assert plan.states is None or plan.states[0] % 16 == planner.state.grid.robot.direction(120.0)
+    exact = moving(robot, rocks(5, *SHAPE, 0.004), "astar")
+    exact.move((14, 16), 120.0)
+    best = exact.replan().cost
+    assert plan.lower_bound <= best * (1 + 1e-5) and plan.cost <= 1.1 * best
+
+
+def test_a_slice_does_little_more_than_its_time_allows(robot):
+    """One of no time at all: the clock is looked at after few states, as each may check poses."""
+    planner = moving(robot, rocks(5, *SHAPE, 0.01))
+    planner.prepare()
+    most = 0
+    while True:
+        before = planner.state.checked
+        ended = planner.replan(time_limit_s=0.0, goes_on=True).status is not Status.TIMEOUT
+        most = max(most, planner.state.checked - before)
+        if ended:
+            break
+    assert most <= 6000
+
+
+@pytest.mark.parametrize("drop", ["goal", "method", "at once", "reach", "broken off"])
+def test_a_search_that_is_dropped_opens_the_links_that_it_closed(robot, drop, monkeypatch):
+    """A body's search closes links of coarse levels: posts, between which none passes, are cheap on
+    average. Their gap is aside.
+    """
+    opened = []
+    close = CoarseLevel.close_dead_ends
+
+    def noted(self, *given):
+        before = self.level.links.copy()
+        closed = close(self, *given)
+        opened.append((self.level, before & ~self.level.links))
+        return closed
+
+    monkeypatch.setattr(CoarseLevel, "close_dead_ends", noted)
+    dem = flat(256, 256)
+    dem[::4, 128] = 0.06
+    dem[20:44, 128] = 0.0
+    vehicle = ROBOTS[robot] and replace(ROBOTS[robot], clearance_m=0.05, max_step_m=0.04)
+    ends = ((150, 20), (150, 230))
+    planner = DynamicPlanner.of_elevation(dem, CELL_M, ends[1], warn=False, vehicle=vehicle)
+    planner.move(ends[0])
+    plan = planner.replan(time_limit_s=0.0, goes_on=True)
+    while robot != "point" and not opened and plan.status is Status.TIMEOUT:
+        plan = planner.replan(time_limit_s=0.0, goes_on=True)
+    assert planner.searching and (opened or robot == "point")
+    if drop == "goal":
+        planner.set_goal((100, 20))
+    elif drop == "method":
+        planner.replan(method="astar", time_limit_s=0.0, goes_on=True)
+    elif drop == "reach":
+        planner.reach()
+    elif drop == "broken off":
+        with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+            patch.setattr(planner.state, "update", interrupted)
+            planner.update(0, 0, flat(1, 1))
+        planner.standing()
+    else:
+        planner.replan(method="astar")
+    assert planner.searching == (drop == "method")
+    for level, closed in opened:
+        assert closed.any() and not (closed & ~level.links).any()
+
+
+def interrupted(*given):
+    raise KeyboardInterrupt
+
+
+def test_pauses_are_no_time_of_the_search(robot, monkeypatch):
+    planner = moving(robot, rocks(5, *SHAPE, 0.004))
+    now = [0.0]
+    monkeypatch.setattr("nnpp_edge.runtime.stopwatch.time.perf_counter", lambda: now[0])
+    plan, slices = sliced(planner, lambda: now.__setitem__(0, now[0] + 1.0))
+    assert slices > 1 and sum(plan.timings_ms.values()) == 0.0
+
+
+def test_the_robot_follows_what_is_clear_of_its_path_while_a_search_goes_on(robot):
+    dem = walled()
+    ground = Ground.of_elevation(dem, CELL_M, vehicle=ROBOTS[robot])
+    navigator = Navigator(ground, slice_ms=0.0)
+    navigator.offer(Goal(*GOAL))
+    navigator.offer(Pose(12.5, 12.5, heading_deg=100.0))
+    first = navigator.tick()
+    assert first.ok and not first.goal_moved
+    # the gate is walled up but for its left side; the search has not seen that yet
+    navigator.planner.replan = unanswered(navigator.planner)
+    navigator.offer(MapPatch(58, 57, elevation=np.full((4, 13), 5.0)))
+    message = navigator.tick()
+    assert message.ok and message.degraded and message.goal_moved
+    assert message.origin is Origin.STANDING and "goes on" in message.reason
+    assert navigator.planner.first_blocked(message.walked) < 0
+    assert np.array_equal(message.path, first.path[: len(message.path)])
+    assert message.goal == tuple(message.path[-1]) and message.goal[0] < 58
+    assert 0 < message.cost < first.cost and message.lower_bound == 0.0
+    del navigator.planner.replan
+    again = navigator.tick()
+    assert again.ok and not again.goal_moved and again.goal == GOAL
+
+
+def unanswered(planner):
+    """A `replan` whose slices have no time at all."""
+    replan = type(planner).replan
+    return lambda **options: replan(planner, **(options | {"time_limit_s": 0.0}))
+
+
+def test_ticks_with_a_deadline_work_their_slice_and_those_without_until_the_end(robot):
+    asked = []
+    navigator = Navigator(Ground.of_elevation(np.zeros(SHAPE), CELL_M, vehicle=ROBOTS[robot]))
+    replan = navigator.planner.replan
+
+    def noted(**options):
+        asked.append((options["goes_on"], options["time_limit_s"]))
+        return replan(**options)
+
+    navigator.planner.replan = noted
+    navigator.offer(Pose(12.5, 12.5, heading_deg=100.0))
+    for n, deadline in enumerate((math.inf, 1e12)):
+        navigator.offer(Goal(*GOAL, stamp=n))
+        navigator.planner.set_goal((0, 0))
+        navigator.tick(deadline=deadline)
+    assert asked == [(True, math.inf), (True, 0.01)]
+    assert DynamicMethod.AUTO is navigator.planner.method
