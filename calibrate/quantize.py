@@ -27,13 +27,15 @@ from nnpp_edge.runtime.arrays import Array
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError, ModelError, OutputError
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.model_file import METADATA_KEY
+from nnpp_edge.runtime.network.unseen import encode_unseen
 from nnpp_edge.terrain.dataset import Samples, read_known, read_recipe, read_samples
+from nnpp_edge.terrain.known import KnownMaps
 from nnpp_edge.training.unseen import Fit, KnownValidator
 from nnpp_edge.training.validation import Judgement, Validator
 
 Floats = NDArray[np.float32]
-Queries = Samples | Floats
-"""Labelled queries, or planes (Q, C, B, B) of a network that prices unseen ground."""
+Queries = Samples | KnownMaps
+"""Labelled queries, or maps known by their blocks for a network that prices unseen ground."""
 Judge = Callable[[Floats], Judgement | Fit]
 OPERATORS = ("Conv", "Relu", "Add", "Resize", "Concat", "AveragePool", "MaxPool")
 """Kinds of nodes that have an int8 kernel on CPUs, so that their QDQ pairs disappear."""
@@ -240,7 +242,7 @@ def _data(
         calibration = KnownValidator(maps.pick(slice(0, None, 2)), samples)
         judged_on = read_known(validation) if validation else maps.pick(slice(1, None, 2))
         known = KnownValidator(judged_on, HELD_OUT)
-        return calibration.planes, known.planes, known.judge_answers
+        return calibration.shown, known.shown, known.judge_answers
     pool = read_samples(dataset, most_maps=2 * samples, size=m.input_size)
     if validation:  # searched on the maps as they are held, as in training
         others = read_samples(validation)
@@ -385,12 +387,15 @@ def compare(fp32: NetworkModel, int8: NetworkModel, queries: Queries, judge: Jud
 
 
 def shown(model: NetworkModel, queries: Queries, number: int) -> Callable[[], Floats]:
-    """Show a network the map of a query, or planes; a function that runs all of it at each call.
-    Inputs and answers stay until the next call of this one.
+    """Show a network the map of a query, or a map known by its blocks; a function that runs all of
+    it at each call. Inputs and answers stay until the next call of this one.
     """
-    if isinstance(queries, np.ndarray):
-        rows, cols = queries.shape[2:]
-        model.inputs["input"][0, :, :rows, :cols] = queries[number]
+    if isinstance(queries, KnownMaps):
+        heights = queries.heights[number]
+        rows, cols = heights.shape
+        factor, side_m = queries.blocks(number)
+        out = model.inputs["input"][0, :, :rows, :cols]
+        encode_unseen(heights, queries.limits(number), (side_m, side_m), factor, out)
         return lambda: model.answers()[:, :rows, :cols]
     planes, start, goal = queries.query(number)
     model.set_map(planes)
@@ -398,7 +403,7 @@ def shown(model: NetworkModel, queries: Queries, number: int) -> Callable[[], Fl
 
 
 def answers(model: NetworkModel, queries: Queries) -> Floats:
-    """(Q, B, B) probabilities of queries, or (Q, 3, B, B) answers for planes."""
+    """(Q, B, B) probabilities of queries, or (Q, 3, B, B) answers for maps known by blocks."""
     return np.array([shown(model, queries, number)().copy() for number in range(len(queries))])
 
 

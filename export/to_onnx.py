@@ -26,7 +26,7 @@ from nnpp_edge import __version__
 from nnpp_edge.files import write_whole
 from nnpp_edge.model import edge
 from nnpp_edge.model.edge import EdgeNet
-from nnpp_edge.model.network import Network, count_macs, encode
+from nnpp_edge.model.network import Network, count_macs
 from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.errors import DataSetError, ModelError, OutputError
 from nnpp_edge.runtime.kernels.encoding import ENDS_CHANNELS
@@ -39,6 +39,7 @@ from nnpp_edge.runtime.network.model_file import (
     QUERY_SPACING,
     ModelMetadata,
 )
+from nnpp_edge.runtime.network.unseen import encode_unseen
 from nnpp_edge.runtime.reading import refused_as
 from nnpp_edge.runtime.terrain.step_cost import PAPER_OMEGA
 from nnpp_edge.runtime.terrain.traversability import Traversability
@@ -154,16 +155,18 @@ def parity(network: Network, onnx_path: Path, samples: Samples | None = None) ->
     differences = []
     for at in range(len(queries) or COMPARED):
         if spec.encoding == "unseen":
-            query = np.empty(0, np.float32)
-            planes = model.inputs["input"][0]
-            planes[:] = rng.uniform(-1.0, 1.0, planes.shape)
+            heights = rng.normal(0.0, 30.0, (spec.input_size,) * 2).astype(np.float32)
+            limits = Traversability()
+            encode_unseen(heights, limits, (160.0, 160.0), 8, model.inputs["input"][0])
+            maps = heights[None]
+            facts = np.array((8.0, 20.0, limits.slope_limit_deg, limits.hard_slope_deg))
             answer = model.answers()
         else:
-            planes, start, goal = queries[at] if queries else _random_query(spec, rng)
-            query = encode(spec, start, goal)
-            model.set_map(planes)
+            maps, start, goal = queries[at] if queries else _random_query(spec, rng)
+            facts = np.array((start, goal))
+            model.set_map(maps)
             answer = model.answer(start, goal)
-        wanted = network.answers(planes[None], query[None])[0]
+        wanted = network.answers(maps[None], facts[None].astype(np.float32))[0]
         differences.append(np.abs(answer - wanted))
     most = float(np.max(differences))
     return Parity(

@@ -426,10 +426,11 @@ class _Run:
             progress.steps = min(self.most, max(progress.step, in_time))
 
     def _loss(self, batch: Batch) -> Tensor:
-        planes, query, target = batch
+        maps, facts, target = batch
+        shown = self.network.shown(maps, facts)
         self.network.train()
         with torch.autocast(self.device.type, torch.bfloat16, enabled=self.in_bfloat16):
-            logits = self.wrapped(planes.contiguous(memory_format=torch.channels_last), query)
+            logits = self.wrapped(*shown)
         return binary_cross_entropy_with_logits(logits.float(), target)
 
     def _learning_rate(self) -> float:

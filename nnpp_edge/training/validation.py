@@ -9,7 +9,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from nnpp_edge.model.network import Network, encode
+from nnpp_edge.model.network import Network
 from nnpp_edge.model.registry import Spec
 from nnpp_edge.profiling.outcome import gap, of_region
 from nnpp_edge.runtime.arrays import Float32s
@@ -76,8 +76,6 @@ class Validator:
         self.index = np.linspace(0, len(samples) - 1, min(most, len(samples))).astype(int)
         self.shown = samples.averaged(spec.input_size).pick(self.index)
         """The queries as the network is shown them."""
-        ends = (self.shown.query(at)[1:] for at in range(len(self.index)))
-        self.queries = np.stack([encode(spec, start, goal) for start, goal in ends])
         self.model = StepModel.of("paper", omega)
         self.lookup = Frame(size, size, spec.input_size).lookup(spec.blocks)
         self._scratch = SimpleQueue[Scratch]()
@@ -88,8 +86,9 @@ class Validator:
 
     def judge(self, network: Network) -> list[Judgement]:
         """Search every validation query in the network's region, for each of `FACTORS`."""
-        maps = self.shown.planes[self.shown.map_index]
-        return self.judge_answers(network.answers(maps, self.queries))
+        shown = self.shown
+        ends = np.stack([shown.start, shown.goal], 1)
+        return self.judge_answers(network.answers(shown.planes[shown.map_index], ends))
 
     def judge_answers(
         self, probabilities: Float32s, factors: Sequence[float] = FACTORS

@@ -10,36 +10,26 @@ from torch import Tensor
 from torch.nn import functional
 
 from nnpp_edge.model.registry import Spec
-from nnpp_edge.runtime.kernels.encoding import END_CHANNELS, ENDS_CHANNELS, GAUSSIAN_CHANNELS
 from nnpp_edge.runtime.network.model_file import QUERY_SPACING
 from nnpp_edge.runtime.tuning import SlopePrice
 
 _NUMBERS = SlopePrice()
 
 
-def query_shape(spec: Spec) -> tuple[int, int, int]:
-    """Planes, rows and columns of an encoded query."""
-    if spec.encoding == "ends":
-        side = spec.input_size // QUERY_SPACING
-        return ENDS_CHANNELS, side, side
-    return GAUSSIAN_CHANNELS, spec.input_size, spec.input_size
-
-
-def encode_queries(spec: Spec, ends: Tensor, out: Tensor) -> None:
+def encode_queries(spec: Spec, ends: Tensor) -> Tensor:
     """Starts and goals (N, 2, 2), rows and columns in network cells, as they are shown to a
-    network: written to `out`, (N, C, E, E) float32.
+    network: (N, C, E, E) float32.
     """
     sigma = spec.sigma * spec.input_size
     if spec.encoding == "ends":
-        _encode_ends(ends, spec.input_size, sigma, out)
-        return
+        return _encode_ends(ends, spec.input_size, sigma)
     cells = torch.arange(spec.input_size, device=ends.device)
     away = (cells - ends[..., None]) / sigma
     rows, cols = torch.exp(-0.5 * away**2).unbind(2)
-    torch.mul(rows[..., None], cols[..., None, :], out=out)
+    return rows[..., None] * cols[..., None, :]
 
 
-def _encode_ends(ends: Tensor, side: int, sigma: float, out: Tensor) -> None:
+def _encode_ends(ends: Tensor, side: int, sigma: float) -> Tensor:
     """As `encode_ends`: six planes for each end, three for both."""
     size = side // QUERY_SPACING
     number = torch.arange(size, device=ends.device)
@@ -51,28 +41,29 @@ def _encode_ends(ends: Tensor, side: int, sigma: float, out: Tensor) -> None:
     down, right = way.unbind(2)
     square = down[..., None] ** 2 + right[..., None, :] ** 2
     distance = square.sqrt()
-    planes = [
+    of_each = (
         over_rows[..., None] * over_cols[..., None, :],
-        (down / side)[..., None],
-        (right / side)[..., None, :],
+        (down / side)[..., None].expand_as(square),
+        (right / side)[..., None, :].expand_as(square),
         distance / side,
         torch.exp(-0.5 / sigma**2 * square),
         torch.exp(-8.0 / sigma**2 * square),
-    ]
-    for at, plane in enumerate(planes):
-        out[:, at : 2 * END_CHANNELS : END_CHANNELS] = plane
+    )
     # how much of a detour each point is from the straight way between the two
     between = ends[:, 0] - ends[:, 1]
     apart = between.norm(dim=-1).clamp_min(QUERY_SPACING)[:, None, None]
     detour = (distance.sum(1) - apart).clamp_min(0.0)
-    of_both = (torch.exp(-detour / (0.25 * apart)), detour / side, apart / side)
-    for at, plane in enumerate(of_both, 2 * END_CHANNELS):
-        out[:, at] = plane
+    of_both = (
+        torch.exp(-detour / (0.25 * apart)),
+        detour / side,
+        (apart / side).expand_as(detour),
+    )
+    return torch.cat((torch.stack(of_each, 2).flatten(1, 2), torch.stack(of_both, 1)), 1)
 
 
-def encode_unseen_maps(heights: Tensor, facts: Tensor, out: Tensor) -> None:
-    """As `encode_unseen`: for mean heights (N, B, B) of square blocks, NaN where unknown, to `out`,
-    (N, 12, B, B) float32.
+def encode_unseen_maps(heights: Tensor, facts: Tensor) -> Tensor:
+    """As `encode_unseen`: for mean heights (N, B, B) of square blocks, NaN where unknown, (N, 12,
+    B, B) float32.
 
     `facts` (N, 4) are each map's cells to a block's side, side of a cell in metres, limit of the
     slope and hard limit in degrees.
@@ -97,7 +88,7 @@ def encode_unseen_maps(heights: Tensor, facts: Tensor, out: Tensor) -> None:
     limited = hard_deg.isfinite().float()
     over = (slope / torch.deg2rad(hard_deg) - 1.0) / (_NUMBERS.spread * (factor / 8.0).sqrt()) + 0.9
     cell = cell_m * tangent / 2.0
-    planes = [
+    planes = (
         functional.softsign(across),
         functional.softsign(down),
         functional.softsign(4.0 * (height - near)),
@@ -107,12 +98,11 @@ def encode_unseen_maps(heights: Tensor, facts: Tensor, out: Tensor) -> None:
         functional.softsign(torch.maximum(step_down, step_across)),
         limited * torch.sigmoid(over.clamp(-30.0, 30.0)),
         known,
-        limited,
-        factor.log2() / 4.0,
-        cell / (1.0 + cell),
-    ]
-    for at, plane in enumerate(planes):
-        torch.mul(plane, known, out=out[:, at])
+        limited.expand_as(known),
+        (factor.log2() / 4.0).expand_as(known),
+        (cell / (1.0 + cell)).expand_as(known),
+    )
+    return torch.stack(planes, 1) * known[:, None]
 
 
 def _mean(layers: Tensor, blocks: int) -> Tensor:
