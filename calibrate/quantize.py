@@ -143,6 +143,8 @@ class QuantizeReport:
     output: str
     samples: int
     """Queries that it was calibrated on."""
+    held_out_maps: tuple[int, ...]
+    """Numbers of the data set's maps that it was judged on instead of a validation set's."""
     excluded: tuple[str, ...]
     """Nodes left float, beside those of the head."""
     quantised: int
@@ -188,7 +190,7 @@ def quantize(
         raise ModelError(f"{fp32.path}: wanted an fp32 model, got one of {precision}")
     if output.resolve() == fp32.path.resolve():
         raise InvalidQueryError(f"{output}: wanted another file than the fp32 model")
-    calibration, held_out, judge = _data(fp32, dataset, validation, samples, seed)
+    calibration, held_out, judge, maps = _data(fp32, dataset, validation, samples, seed)
     facts = {
         "samples": len(calibration),
         "seed": seed,
@@ -218,6 +220,7 @@ def quantize(
         source=str(fp32.path),
         output=str(output),
         samples=len(calibration),
+        held_out_maps=tuple(maps),
         excluded=tuple(exclude),
         quantised=sum(layer.quantised for layer in layers),
         layers=layers,
@@ -234,15 +237,18 @@ def _data(
     validation: Path | None,
     samples: int,
     seed: int,
-) -> tuple[Queries, Queries, Judge]:
-    """Queries to calibrate on and to judge on, and their judge."""
+) -> tuple[Queries, Queries, Judge, list[int]]:
+    """Queries to calibrate on and to judge on, their judge, and the maps of `dataset` that are held
+    out for it.
+    """
     m = fp32.metadata
     if m.encoding == "unseen":
         maps = read_known(dataset)
         calibration = KnownValidator(maps.pick(slice(0, None, 2)), samples)
-        judged_on = read_known(validation) if validation else maps.pick(slice(1, None, 2))
+        numbers = [] if validation else list(range(1, len(maps), 2))
+        judged_on = read_known(validation) if validation else maps.pick(np.array(numbers))
         known = KnownValidator(judged_on, HELD_OUT)
-        return calibration.shown, known.shown, known.judge_answers
+        return calibration.shown, known.shown, known.judge_answers, numbers
     pool = read_samples(dataset, most_maps=2 * samples, size=m.input_size)
     if validation:  # searched on the maps as they are held, as in training
         others = read_samples(validation)
@@ -254,7 +260,8 @@ def _data(
     def judge(answers: Floats) -> Judgement:
         return validator.judge_answers(answers, (m.region_factor,))[0]
 
-    return pool.pick(order[:samples]), validator.shown, judge
+    numbers = [] if validation else np.unique(others.map_index).tolist()
+    return pool.pick(order[:samples]), validator.shown, judge, numbers
 
 
 def split(samples: Samples, seed: int) -> tuple[Samples, Samples]:

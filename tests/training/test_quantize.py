@@ -79,6 +79,7 @@ def test_the_report_holds_what_it_promises(made, fp32, convolutions):
     compared = made.compared
     before = compared.fp32_ms
     assert (made.samples, made.excluded, made.quantised) == (24, (), convolutions)
+    assert len(made.held_out_maps) == RECIPE.maps // 4
     assert made.fp32_bytes == fp32.stat().st_size
     assert compared.mean_difference <= compared.max_difference < 0.3
     assert 0.0 < before.warm < 2.0 * before.after_plan
@@ -222,6 +223,8 @@ def test_the_command_prints_a_table_and_a_recommendation(
     assert ended.code == 0
     left_float = f"left float: the head, {FIRST}, {SECOND}"
     assert f"{convolutions - 2} convolutions in int8, {left_float}" in ended.out
+    assert f"calibrated on 8 queries of {dataset}, compared on" in ended.out
+    assert f"of {dataset}\n" in ended.out
     assert ended.out.splitlines()[-1].startswith(("int8: ", "keep fp32: "))
     for name in (FIRST, SECOND, "encoder.describe/Conv"):
         assert re.search(rf"{name} +float +[\d.]+ %", ended.out), name
