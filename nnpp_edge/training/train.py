@@ -42,7 +42,7 @@ _MMAP_MAX = -4
 SAVED_EVERY_S = 300.0
 REPORTED_EVERY_S = 0.5
 Report = Callable[[float, str], None]
-"""Called with the share done, and loss, rate and validation in words."""
+"""Called with the share done, and loss, rate and score of the last validation in words."""
 
 
 def train(
@@ -461,7 +461,7 @@ class _Run:
         """The last validation in words, beside the best."""
         progress = self.progress
         best = progress.history[progress.best]
-        words = f"validation {progress.history[-1]['score']:.4f}"
+        words = f"score {progress.history[-1]['score']:.4f}"
         if progress.waited:
             words += f" (best {best['score']:.4f}, step {best['step']:.0f})"
         return words
