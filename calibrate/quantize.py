@@ -2,7 +2,7 @@
 of searches.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
 from functools import partial
 from itertools import islice
@@ -27,7 +27,6 @@ from nnpp_edge.runtime.arrays import Array
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError, ModelError, OutputError
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.model_file import METADATA_KEY
-from nnpp_edge.runtime.network.unseen import encode_unseen
 from nnpp_edge.terrain.dataset import Samples, read_known, read_recipe, read_samples
 from nnpp_edge.terrain.known import KnownMaps
 from nnpp_edge.training.unseen import Fit, KnownValidator
@@ -318,7 +317,7 @@ def quantised_graph(
     # onnxruntime's sort overlooks what branches read
     made.graph.node.sort(key=lambda node: node.op_type == "If")
     in_int8 = set(chosen) - set(exclude)
-    inputs = list(islice(iter(_Reader(fp32, queries).get_next, None), LAYERS_COMPARED_ON))
+    inputs = list(islice(inputs_of(fp32, queries), LAYERS_COMPARED_ON))
     names = [node.name for node in convolutions]
     exact = _behind(names, onnx.load(prepared), inputs)
     rounded = _behind(names, made, inputs)
@@ -348,19 +347,21 @@ def _relative_error(exact: Floats, rounded: Floats) -> float:
 
 
 class _Reader(quantization.CalibrationDataReader):  # type: ignore[misc]  # onnxruntime has no types
-    """Inputs of a network for all queries, one at a time, as `model` lays them out."""
+    """`inputs_of` for onnxruntime."""
 
     def __init__(self, model: NetworkModel, queries: Queries) -> None:
-        self.model = model
-        self.queries = queries
-        self.numbers = iter(range(len(queries)))
+        self._inputs = inputs_of(model, queries)
 
     def get_next(self) -> dict[str, Array] | None:
         """The next query's inputs by name; None at the end."""
-        for number in self.numbers:
-            shown(self.model, self.queries, number)()  # lays out the inputs
-            return {name: array.copy() for name, array in self.model.inputs.items()}
-        return None
+        return next(self._inputs, None)
+
+
+def inputs_of(model: NetworkModel, queries: Queries) -> Iterator[dict[str, Array]]:
+    """Inputs of a network for each query, by name, as `model` lays them out."""
+    for number in range(len(queries)):
+        shown(model, queries, number)()  # lays out the inputs
+        yield {name: array.copy() for name, array in model.inputs.items()}
 
 
 def _with_facts(model: onnx.ModelProto, fp32: NetworkModel, facts: Mapping[str, object]) -> bytes:
@@ -398,11 +399,8 @@ def shown(model: NetworkModel, queries: Queries, number: int) -> Callable[[], Fl
     it at each call. Inputs and answers stay until the next call of this one.
     """
     if isinstance(queries, KnownMaps):
-        heights = queries.heights[number]
-        rows, cols = heights.shape
-        factor, side_m = queries.blocks(number)
-        out = model.inputs["input"][0, :, :rows, :cols]
-        encode_unseen(heights, queries.limits(number), (side_m, side_m), factor, out)
+        rows, cols = queries.heights[number].shape
+        queries.encode(number, model.inputs["input"][0, :, :rows, :cols])
         return lambda: model.answers()[:, :rows, :cols]
     planes, start, goal = queries.query(number)
     model.set_map(planes)

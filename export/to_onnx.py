@@ -39,7 +39,6 @@ from nnpp_edge.runtime.network.model_file import (
     QUERY_SPACING,
     ModelMetadata,
 )
-from nnpp_edge.runtime.network.unseen import encode_unseen
 from nnpp_edge.runtime.reading import refused_as
 from nnpp_edge.runtime.terrain.step_cost import PAPER_OMEGA
 from nnpp_edge.runtime.terrain.traversability import Traversability
@@ -155,11 +154,9 @@ def parity(network: Network, onnx_path: Path, samples: Samples | None = None) ->
     differences = []
     for at in range(len(queries) or COMPARED):
         if spec.encoding == "unseen":
-            heights = rng.normal(0.0, 30.0, (spec.input_size,) * 2).astype(np.float32)
-            limits = Traversability()
-            encode_unseen(heights, limits, (160.0, 160.0), 8, model.inputs["input"][0])
-            maps = heights[None]
-            facts = np.array((8.0, 20.0, limits.slope_limit_deg, limits.hard_slope_deg))
+            maps = model.inputs["input"][0]
+            maps[:] = rng.uniform(-1.0, 1.0, maps.shape)
+            facts = np.empty(0)
             answer = model.answers()
         else:
             maps, start, goal = queries[at] if queries else _random_query(spec, rng)

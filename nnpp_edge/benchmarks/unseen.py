@@ -89,7 +89,7 @@ class Site:
         limits = self.ground.limits
         of_map = known_map(self.elevation, self.costs, cell_m, limits, self.factor)
         maps = KnownMaps(*(np.array([each]) for each in of_map))
-        return prices_of(maps.wanted(0))
+        return prices_of(maps.wanted[0])
 
     def driven(self, ends: Endpoints, prices: Float2D, sight: int) -> float:
         """Cost of a drive from start to goal by these prices; inf where a body gets stuck."""

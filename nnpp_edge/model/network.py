@@ -8,7 +8,7 @@ from torch import Tensor, nn
 from torch.utils.flop_counter import FlopCounterMode
 
 from nnpp_edge.model import edge
-from nnpp_edge.model.encoding import encode_queries, encode_unseen_maps
+from nnpp_edge.model.encoding import encode_queries
 from nnpp_edge.model.nnpp import NNPP
 from nnpp_edge.model.registry import Spec
 from nnpp_edge.model.unseen import UnseenNet
@@ -38,10 +38,10 @@ class Network(nn.Module):
         For `maps` (N, 2, S, S), mean cost and share of impassable cells in [0, 1], or as uint8 in
         255ths (the paper's network is shown the first alone), and as `facts` start and goal
         (N, 2, 2), rows and columns in network cells. A network that prices unseen ground is shown
-        mean heights (N, 1, B, B) with the facts of `encode_unseen_maps`.
+        the planes of `encode_unseen` as they are, and no facts.
         """
         if self.spec.architecture == "unseen":
-            return (encode_unseen_maps(maps[:, 0], facts),)
+            return (maps,)
         planes = maps if maps.is_floating_point() else maps / 255.0
         query = encode_queries(self.spec, facts)
         if self.spec.architecture == "nnpp":

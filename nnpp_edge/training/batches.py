@@ -14,6 +14,7 @@ from torch import Tensor
 from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.arrays import Bool, Float32s, Int64
 from nnpp_edge.runtime.errors import DataSetError
+from nnpp_edge.runtime.network.model_file import UNSEEN
 from nnpp_edge.terrain.dataset import Samples
 from nnpp_edge.terrain.known import CERTAIN, KnownMaps
 from nnpp_edge.terrain.labels import EXCESS_STEP
@@ -36,13 +37,13 @@ class Held(NamedTuple):
     """Samples as they are kept: bytes in tensors for the device, the rest in arrays."""
 
     maps: Tensor
-    """(M, C, S, S) uint8 planes, or float32 heights of blocks."""
+    """(M, C, S, S) planes: uint8, or float32 of maps known by their blocks."""
     labels: Tensor
     """(Q, L, B, B) uint8."""
     map_index: Int64
     """(Q,) the map of each sample."""
     facts: Float32s
-    """(Q, 2, 2) start and goal, or (Q, 4) of `model.encoding.encode_unseen_maps`."""
+    """(Q, 2, 2) start and goal; (Q, 0) without."""
 
 
 class Batches:
@@ -58,7 +59,7 @@ class Batches:
 
     def __init__(
         self,
-        samples: Samples | KnownMaps,
+        samples: Samples | KnownMaps | None,
         spec: Spec,
         settings: TrainSettings,
         *,
@@ -73,31 +74,37 @@ class Batches:
         nearness = torch.exp(-torch.arange(256) * (EXCESS_STEP / settings.softness))
         nearness[255] = 0.0
         self._nearness = nearness.to(device)
-        self._held = self._placed(self._of(samples))
-        in_batch = self._held.maps[0].nbytes * settings.batch // world
-        self._at_once = max(1, _BYTES_AT_ONCE // in_batch)
+        self._world = world
+        self._held: Held | None = None
+        if samples is not None:
+            self.extend(samples)
 
     def __len__(self) -> int:
         """Batches in an epoch."""
-        return len(self._held.labels) // self.settings.batch
+        return 0 if self._held is None else len(self._held.labels) // self.settings.batch
 
     def extend(self, samples: Samples | KnownMaps) -> None:
         """Add samples of the same kind; the epochs that begin from now on have them, too."""
-        held = self._held
-        more = self._of(samples)
-        joined = Held(
-            torch.cat((held.maps.cpu(), more.maps)),
-            torch.cat((held.labels.cpu(), more.labels)),
-            np.concatenate([held.map_index, more.map_index + len(held.maps)]),
-            np.concatenate([held.facts, more.facts]),
-        )
-        del held, self._held  # the device's memory is free before it is counted
-        self._held = self._placed(joined)
+        held = self._of(samples)
+        before = self._held
+        if before is not None:
+            held = Held(
+                torch.cat((before.maps.cpu(), held.maps)),
+                torch.cat((before.labels.cpu(), held.labels)),
+                np.concatenate([before.map_index, held.map_index + len(before.maps)]),
+                np.concatenate([before.facts, held.facts]),
+            )
+        before = self._held = None  # the device's memory is free before it is counted
+        self._held = self._placed(held)
 
     def _of(self, samples: Samples | KnownMaps) -> Held:
         """Samples as they are kept, on the CPU."""
         if isinstance(samples, KnownMaps):
-            return held_known(samples)
+            answers = torch.from_numpy(np.ascontiguousarray(samples.answers))
+            count = len(samples)
+            no_facts = np.empty((count, 0), np.float32)
+            planes = torch.from_numpy(known_planes(samples))
+            return Held(planes, answers, np.arange(count), no_facts)
         side = samples.planes.shape[-1]
         blocks = self.spec.blocks
         count, fine, _ = samples.excess.shape
@@ -133,27 +140,31 @@ class Batches:
     def epoch(self, number: int, skip: int = 0) -> Iterator[Batch]:
         """The batches of an epoch from the `skip`-th on."""
         size = self.settings.batch
+        held = self._held
+        assert held is not None
+        in_batch = held.maps[0].nbytes * size // self._world
+        at_once = max(1, _BYTES_AT_ONCE // in_batch)
         rng = np.random.default_rng([self.settings.seed, number])
-        order = rng.permutation(len(self._held.labels))[: len(self) * size].reshape(-1, size)
+        order = rng.permutation(len(held.labels))[: len(self) * size].reshape(-1, size)
         swapped = rng.integers(2, size=order.shape, dtype=bool)[:, self.share]
         # each place of a batch has its position, equal ones side by side: the order is random
         turns = np.sort((np.arange(size) + rng.integers(POSITIONS)) % POSITIONS)[self.share]
         order = order[:, self.share]  # of the whole batch, whoever takes which part of it
-        for first in range(skip - skip % self._at_once, len(self), self._at_once):
-            those = slice(first, first + self._at_once)
-            made = self._made(order[those], swapped[those], turns)
+        for first in range(skip - skip % at_once, len(self), at_once):
+            those = slice(first, first + at_once)
+            made = self._made(held, order[those], swapped[those], turns)
             parts = [each.chunk(len(order[those])) for each in made]
             yield from list(zip(*parts, strict=True))[max(skip - first, 0) :]
 
-    def _made(self, queries: Int64, swapped: Bool, turns: Int64) -> Batch:
+    def _made(self, held: Held, queries: Int64, swapped: Bool, turns: Int64) -> Batch:
         """Maps, facts and targets of some batches' queries (A, N); those `swapped` go from goal to
         start.
         """
-        held = self._held
+        of_blocks = self.spec.encoding == "unseen"
         labels = self._turned(held.labels, queries, turns)
-        maps = self._turned(held.maps, held.map_index[queries], turns)
+        maps = self._turned(held.maps, held.map_index[queries], turns, rises=of_blocks)
         facts = held.facts[queries]
-        if self.spec.encoding == "unseen":
+        if of_blocks:
             targets = labels / CERTAIN
         else:
             targets = self._nearness[labels[:, 0].int()]
@@ -162,9 +173,10 @@ class Batches:
         facts = facts.reshape(len(maps), *facts.shape[2:])
         return maps, torch.from_numpy(facts).to(self.device), targets
 
-    def _turned(self, held: Tensor, index: Int64, turns: Int64) -> Tensor:
+    def _turned(self, held: Tensor, index: Int64, turns: Int64, *, rises: bool = False) -> Tensor:
         """`held[index]` on the device, each in its position: all of one position at once, so many
-        batches (A, N) there may be.
+        batches (A, N) there may be. With `rises` the first two planes are those along rows and
+        down columns, which turn with the map.
         """
         found = held.index_select(0, torch.from_numpy(index.ravel()).to(held.device))
         if found.device != self.device:
@@ -175,18 +187,19 @@ class Batches:
         groups = (torch.split(each, sizes, 1) for each in (of_batches, in_position))
         for turn, (group, out) in enumerate(zip(*groups, strict=True)):
             out.copy_(turned(group, turn))
+            if rises:
+                signs = [1 - (turn & 2), 1 - 2 * (turn & 1)]
+                signed = out[:, :, :2] * out.new_tensor(signs)[:, None, None]
+                out[:, :, :2] = signed.flip(2) if turn & 4 else signed
         return in_position.flatten(0, 1)
 
 
-def held_known(maps: KnownMaps) -> Held:
-    """Maps known by their blocks as they are kept, on the CPU."""
-    facts = (maps.factor, maps.cell_size_m, maps.slope_limit_deg, maps.hard_slope_deg)
-    return Held(
-        torch.from_numpy(np.ascontiguousarray(maps.heights[:, None])),
-        torch.from_numpy(np.ascontiguousarray(maps.answers)),
-        np.arange(len(maps)),
-        np.stack(facts, 1).astype(np.float32),
-    )
+def known_planes(maps: KnownMaps) -> Float32s:
+    """All maps as a network is shown them, (M, 12, B, B)."""
+    planes = np.empty((len(maps), len(UNSEEN), *maps.heights.shape[1:]), np.float32)
+    for at, out in enumerate(planes):
+        maps.encode(at, out)
+    return planes
 
 
 def turned(array: Tensor, turn: int) -> Tensor:

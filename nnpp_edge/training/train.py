@@ -86,9 +86,6 @@ def train(
     keep_freed_memory()
     make_folder(folder)
     last = folder / LAST
-    former = folder / "checkpoint.pt"  # its name in older versions
-    if processes.first and former.exists() and not last.exists():
-        former.rename(last)
     validator = _validator(validation, spec, omega) if processes.first else None
     run = _Run(spec, settings, processes)
     run.begin(last, begin_with)
@@ -148,23 +145,9 @@ class _Data:
     def __init__(self, training: Samples | KnownMaps | GrowingSet, run: "_Run") -> None:
         self._run = run
         self._set = training if isinstance(training, GrowingSet) else None
-        self._batches: Batches | None = None
-        if not isinstance(training, GrowingSet):
-            self._take(training)
-
-    @property
-    def batches(self) -> Batches:
-        assert self._batches is not None
-        return self._batches
-
-    def _take(self, samples: Samples | KnownMaps) -> None:
-        run = self._run
-        if self._batches is not None:
-            self._batches.extend(samples)
-            return
         processes = run.processes
-        self._batches = Batches(
-            samples,
+        self.batches = Batches(
+            None if isinstance(training, GrowingSet) else training,
             run.spec,
             run.settings,
             device=processes.device,
@@ -184,18 +167,18 @@ class _Data:
             progress.shards = int(self._run.processes.of_the_first(shards))
             more = growing.read(progress.shards)
             if more is not None:
-                self._take(more)
+                self.batches.extend(more)
             share = progress.shards / growing.recipe.shards
-            if (self._batches is not None and len(self._batches)) or not growing.growing():
+            if len(self.batches) or not growing.growing():
                 break
             time.sleep(1.0)
-        if self._batches is None or not len(self._batches):
+        if not len(self.batches):
             least = self._run.settings.batch
             raise DataSetError(
                 f"wanted at least {least} samples for one batch, got fewer: make more maps, or "
                 "give a smaller --batch"
             )
-        self._run.plan_steps(round(len(self._batches) / share))
+        self._run.plan_steps(round(len(self.batches) / share))
 
 
 def _validator(

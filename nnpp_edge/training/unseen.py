@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from nnpp_edge.model.network import Network
 from nnpp_edge.runtime.network.unseen import prices_of
-from nnpp_edge.terrain.known import CERTAIN, KnownMaps
-from nnpp_edge.training.batches import held_known
+from nnpp_edge.terrain.known import KnownMaps
+from nnpp_edge.training.batches import known_planes
 
 Floats = NDArray[np.float32]
 
@@ -34,14 +34,13 @@ class KnownValidator:
     def __init__(self, maps: KnownMaps, most: int = 256) -> None:
         chosen = np.linspace(0, len(maps) - 1, min(most, len(maps))).astype(int)
         self.shown = maps.pick(chosen)
-        held = held_known(self.shown)
-        self.maps = held.maps.numpy()
-        self.facts = held.facts
-        self.wanted: Floats = (held.labels / CERTAIN).numpy()
+        self.wanted = self.shown.wanted
 
     def judge(self, network: Network) -> list[Fit]:
         """How well a network's answers fit."""
-        return [self.judge_answers(network.answers(self.maps, self.facts))]
+        planes = known_planes(self.shown)
+        no_facts = np.empty((len(planes), 0), np.float32)
+        return [self.judge_answers(network.answers(planes, no_facts))]
 
     def judge_answers(self, answers: Floats) -> Fit:
         """How well answers (N, 3, B, B) fit."""

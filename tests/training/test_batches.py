@@ -2,6 +2,7 @@
 
 import os
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -9,12 +10,10 @@ import numpy as np
 import pytest
 import torch
 
-from nnpp_edge.model.encoding import encode_queries, encode_unseen_maps
+from nnpp_edge.model.encoding import encode_queries
 from nnpp_edge.model.network import Network
 from nnpp_edge.model.registry import PRESETS, Spec
 from nnpp_edge.runtime.network.encoding import encode_ends, encode_gaussian
-from nnpp_edge.runtime.network.model_file import UNSEEN
-from nnpp_edge.runtime.network.unseen import encode_unseen
 from nnpp_edge.terrain.dataset import GrowingSet, make_dataset, read_samples
 from nnpp_edge.terrain.known import KnownMaps
 from nnpp_edge.training import train as training
@@ -71,15 +70,18 @@ def test_queries_are_encoded_as_at_run_time(name, encode):
         np.testing.assert_allclose(own, wanted, atol=2e-6)
 
 
-def test_coarse_maps_are_encoded_as_at_run_time(known):
-    sides = (known.factor, known.cell_size_m, known.slope_limit_deg, known.hard_slope_deg)
-    facts = np.stack(sides).astype(np.float32)
-    found = encode_unseen_maps(torch.from_numpy(known.heights), torch.from_numpy(facts.T))
-    wanted = np.empty((len(UNSEEN), 16, 16), np.float32)
-    for at in range(5):
-        factor, side_m = known.blocks(at)
-        encode_unseen(known.heights[at], known.limits(at), (side_m, side_m), factor, wanted)
-        np.testing.assert_allclose(found[at], wanted, atol=2e-5)
+def test_coarse_maps_are_turned_as_if_encoded_in_their_position(known):
+    """The rises along rows and columns turn with the map."""
+    batches = Batches(known, Spec("unseen", 16), TrainSettings(batch=40))
+    order = np.arange(len(known))[None]
+    turns = np.sort(np.arange(len(known)) % POSITIONS)
+    maps, _, _ = batches._made(batches._held, order, order > 0, turns)
+    for at, turn in enumerate(turns):
+        heights = turned(torch.from_numpy(known.heights[at]), turn).numpy()
+        wanted = np.empty(maps.shape[1:], np.float32)
+        alone = replace(known.pick(slice(at, at + 1)), heights=heights[None])
+        alone.encode(0, wanted)
+        np.testing.assert_allclose(maps[at], wanted, atol=2e-6)
 
 
 @pytest.mark.parametrize("streamed", [False, True])

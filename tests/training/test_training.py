@@ -357,8 +357,8 @@ def test_a_preset_can_be_built(name):
     unseen = spec.encoding == "unseen"
     with torch.device("meta"):
         network = Network(spec).eval()
-        maps = torch.zeros(1, 1 if unseen else 2, spec.input_size, spec.input_size)
-        facts = torch.zeros(1, 4) if unseen else torch.zeros(1, 2, 2)
+        maps = torch.zeros(1, 12 if unseen else 2, spec.input_size, spec.input_size)
+        facts = torch.zeros(1, 2, 2)
     shape = (3, spec.blocks, spec.blocks) if unseen else (spec.blocks, spec.blocks)
     assert network(*network.shown(maps, facts)).shape == (1, *shape)
 
