@@ -132,6 +132,8 @@ def command(
         minutes = progress.spent_s / 60
         words = f"step {last['step']:.0f} of {progress.step} in {minutes:.0f} min"
         lines = [f"{best}: {words}, loss {shown(last.get('loss'), '.4f')}"]
+        if not last["step"]:
+            lines.append("  these are the weights that it began with: none after them were better")
         if progress.step < (progress.steps or progress.step):
             lines.append(f"  stopped before step {progress.steps}; the same command goes on")
         if unseen:
