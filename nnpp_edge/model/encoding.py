@@ -11,21 +11,20 @@ from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.network.model_file import QUERY_SPACING
 
 
-def encode_queries(spec: Spec, ends: Tensor) -> Tensor:
-    """Starts and goals (N, 2, 2), rows and columns in network cells, as they are shown to a
-    network: (N, C, E, E) float32.
+def encode_gaussians(spec: Spec, ends: Tensor, out: Tensor) -> None:
+    """Starts and goals (N, 2, 2), rows and columns in network cells, as Gaussians: written to
+    `out`, (N, 2, S, S) float32.
     """
-    sigma = spec.sigma * spec.input_size
-    if spec.encoding == "ends":
-        return _encode_ends(ends, spec.input_size, sigma)
     cells = torch.arange(spec.input_size, device=ends.device)
-    away = (cells - ends[..., None]) / sigma
+    away = (cells - ends[..., None]) / (spec.sigma * spec.input_size)
     rows, cols = torch.exp(-0.5 * away**2).unbind(2)
-    return rows[..., None] * cols[..., None, :]
+    torch.mul(rows[..., None], cols[..., None, :], out=out)
 
 
-def _encode_ends(ends: Tensor, side: int, sigma: float) -> Tensor:
-    """As `encode_ends`: six planes for each end, three for both."""
+def encode_ends(spec: Spec, ends: Tensor) -> Tensor:
+    """Starts and goals (N, 2, 2) by six planes for each, three for both: (N, 15, E, E) float32."""
+    side = spec.input_size
+    sigma = spec.sigma * side
     size = side // QUERY_SPACING
     number = torch.arange(size, device=ends.device)
     offset = (QUERY_SPACING - 1.0) / 2.0

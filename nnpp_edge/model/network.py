@@ -8,7 +8,7 @@ from torch import Tensor, nn
 from torch.utils.flop_counter import FlopCounterMode
 
 from nnpp_edge.model import edge
-from nnpp_edge.model.encoding import encode_queries
+from nnpp_edge.model.encoding import encode_ends, encode_gaussians
 from nnpp_edge.model.nnpp import NNPP
 from nnpp_edge.model.registry import Spec
 from nnpp_edge.model.unseen import UnseenNet
@@ -42,11 +42,14 @@ class Network(nn.Module):
         """
         if self.spec.architecture == "unseen":
             return (maps,)
-        planes = maps if maps.is_floating_point() else maps / 255.0
-        query = encode_queries(self.spec, facts)
-        if self.spec.architecture == "nnpp":
-            return (torch.cat((planes[:, :1], query), 1),)
-        return torch.pixel_unshuffle(planes, edge.UNSHUFFLE), query
+        greatest = 1.0 if maps.is_floating_point() else 255.0
+        if self.spec.architecture == "nnpp":  # written once: these are megabytes
+            shown = torch.empty(len(maps), 3, *maps.shape[2:], device=maps.device)
+            torch.div(maps[:, :1], greatest, out=shown[:, :1])
+            encode_gaussians(self.spec, facts, shown[:, 1:])
+            return (shown,)
+        planes = torch.pixel_unshuffle(maps / greatest, edge.UNSHUFFLE)
+        return planes, encode_ends(self.spec, facts)
 
     def forward(self, *shown: Tensor) -> Tensor:
         """Logits (N, B, B) on blocks × blocks; three of a network that prices unseen ground,

@@ -86,7 +86,11 @@ def train(
     keep_freed_memory()
     make_folder(folder)
     last = folder / LAST
-    validator = _validator(validation, spec, omega) if processes.first else None
+    validator: Validator | KnownValidator | None = None
+    if processes.first and isinstance(validation, KnownMaps):
+        validator = KnownValidator(validation)
+    elif processes.first and isinstance(validation, Samples):
+        validator = Validator(validation, spec, omega)
     run = _Run(spec, settings, processes)
     run.begin(last, begin_with)
     progress = run.progress
@@ -179,14 +183,6 @@ class _Data:
                 "give a smaller --batch"
             )
         self._run.plan_steps(round(len(self.batches) / share))
-
-
-def _validator(
-    validation: Samples | KnownMaps, spec: Spec, omega: float
-) -> Validator | KnownValidator:
-    if isinstance(validation, KnownMaps):
-        return KnownValidator(validation)
-    return Validator(validation, spec, omega)
 
 
 def keep_freed_memory() -> None:
@@ -410,6 +406,7 @@ class _Run:
 
     def _loss(self, batch: Batch) -> Tensor:
         maps, facts, target = batch
+        maps = maps.contiguous(memory_format=torch.channels_last)
         shown = self.network.shown(maps, facts)
         self.network.train()
         with torch.autocast(self.device.type, torch.bfloat16, enabled=self.in_bfloat16):

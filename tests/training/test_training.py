@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 import torch
 
-from nnpp_edge.model.encoding import encode_queries
+from nnpp_edge.model.encoding import encode_ends
 from nnpp_edge.model.network import Network
 from nnpp_edge.model.registry import PRESETS, Spec
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError, ModelError
@@ -245,7 +245,7 @@ def test_batches_turn_map_query_and_target_together(samples):
     seen = set()
     for batch in batches.epoch(0):
         planes, ends, target = (each.numpy() for each in batch)
-        query = encode_queries(SMALL, batch[1]).numpy()
+        query = encode_ends(SMALL, batch[1]).numpy()
         assert planes.shape == (16, 2, 64, 64)
         assert ends.shape == (16, 2, 2)
         assert target.shape == (16, 16, 16)
