@@ -2,6 +2,7 @@
 
 import multiprocessing
 import os
+import signal
 import threading
 import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
@@ -391,6 +392,8 @@ def _shards_here(
 
 
 def _start_worker(recipe: Recipe, tiles: Tiles) -> None:
+    # Ctrl-C ends it at once, not after the shards that wait for it
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
     global _recipe, _tiles
     _recipe = recipe
     _tiles = tiles

@@ -149,10 +149,14 @@ class Batches:
         swapped = rng.integers(2, size=order.shape, dtype=bool)[:, self.share]
         # each place of a batch has its position, equal ones side by side: the order is random
         turns = np.sort((np.arange(size) + rng.integers(POSITIONS)) % POSITIONS)[self.share]
+        threads = torch.get_num_threads()
         order = order[:, self.share]  # of the whole batch, whoever takes which part of it
         for first in range(skip - skip % at_once, len(self), at_once):
             those = slice(first, first + at_once)
+            # to wake other threads takes longer than these copies
+            torch.set_num_threads(1)
             made = self._made(held, order[those], swapped[those], turns)
+            torch.set_num_threads(threads)
             parts = [each.chunk(len(order[those])) for each in made]
             yield from list(zip(*parts, strict=True))[max(skip - first, 0) :]
 
