@@ -70,7 +70,7 @@ def compare_command(
 def render_command(
     report: Annotated[Path, options.PATH],
     /,
-    output: Annotated[Path | None, "-o", "The page's file, or a folder for it."] = None,
+    output: Annotated[Path | None, "-o", options.PATH, "The page's file, or its folder."] = None,
     bmf: _Bmf = None,
     junit: _Junit = None,
 ) -> None:

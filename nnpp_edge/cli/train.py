@@ -130,7 +130,7 @@ def command(
     def text() -> str:
         last = history[progress.best]
         minutes = progress.spent_s / 60
-        words = f"step {last['step']:.0f} of {progress.step} in {minutes:.0f} min"
+        words = f"step {last['step']:.0f} of {progress.step} in {minutes:.1f} min"
         lines = [f"{best}: {words}, loss {shown(last.get('loss'), '.4f')}"]
         if not last["step"]:
             lines.append("  these are the weights that it began with: none after them were better")
