@@ -75,18 +75,18 @@ class Batches:
         nearness[255] = 0.0
         self._nearness = nearness.to(device)
         self._world = world
-        self._held: Held | None = None
+        self.held: Held | None = None
         if samples is not None:
             self.extend(samples)
 
     def __len__(self) -> int:
         """Batches in an epoch."""
-        return 0 if self._held is None else len(self._held.labels) // self.settings.batch
+        return 0 if self.held is None else len(self.held.labels) // self.settings.batch
 
     def extend(self, samples: Samples | KnownMaps) -> None:
         """Add samples of the same kind; the epochs that begin from now on have them, too."""
         held = self._of(samples)
-        before = self._held
+        before = self.held
         if before is not None:
             held = Held(
                 torch.cat((before.maps.cpu(), held.maps)),
@@ -94,8 +94,8 @@ class Batches:
                 np.concatenate([before.map_index, held.map_index + len(before.maps)]),
                 np.concatenate([before.facts, held.facts]),
             )
-        before = self._held = None  # the device's memory is free before it is counted
-        self._held = self._placed(held)
+        before = self.held = None  # the device's memory is free before it is counted
+        self.held = self._placed(held)
 
     def _of(self, samples: Samples | KnownMaps) -> Held:
         """Samples as they are kept, on the CPU."""
@@ -140,7 +140,7 @@ class Batches:
     def epoch(self, number: int, skip: int = 0) -> Iterator[Batch]:
         """The batches of an epoch from the `skip`-th on."""
         size = self.settings.batch
-        held = self._held
+        held = self.held
         assert held is not None
         in_batch = held.maps[0].nbytes * size // self._world
         at_once = max(1, _BYTES_AT_ONCE // in_batch)
@@ -155,12 +155,12 @@ class Batches:
             those = slice(first, first + at_once)
             # to wake other threads takes longer than these copies
             torch.set_num_threads(1)
-            made = self._made(held, order[those], swapped[those], turns)
+            made = self.made(held, order[those], swapped[those], turns)
             torch.set_num_threads(threads)
             parts = [each.chunk(len(order[those])) for each in made]
             yield from list(zip(*parts, strict=True))[max(skip - first, 0) :]
 
-    def _made(self, held: Held, queries: Int64, swapped: Bool, turns: Int64) -> Batch:
+    def made(self, held: Held, queries: Int64, swapped: Bool, turns: Int64) -> Batch:
         """Maps, facts and targets of some batches' queries (A, N); those `swapped` go from goal to
         start.
         """

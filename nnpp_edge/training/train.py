@@ -91,7 +91,7 @@ def train(
         validator = KnownValidator(validation)
     elif processes.first and isinstance(validation, Samples):
         validator = Validator(validation, spec, omega)
-    run = _Run(spec, settings, processes)
+    run = Run(spec, settings, processes)
     run.begin(last, begin_with)
     progress = run.progress
     data = _Data(training, run)
@@ -146,7 +146,7 @@ def train(
 class _Data:
     """The training's batches, and the set that they may grow from."""
 
-    def __init__(self, training: Samples | KnownMaps | GrowingSet, run: "_Run") -> None:
+    def __init__(self, training: Samples | KnownMaps | GrowingSet, run: "Run") -> None:
         self._run = run
         self._set = training if isinstance(training, GrowingSet) else None
         processes = run.processes
@@ -251,7 +251,7 @@ class Processes:
             distributed.destroy_process_group()
 
 
-class _Run:
+class Run:
     """One process's part of a training run: the network, its running mean, the optimiser and the
     progress.
     """

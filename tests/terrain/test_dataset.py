@@ -299,7 +299,7 @@ def test_cells_that_are_not_square_are_judged_by_both_sides(tmp_path):
 def test_a_process_that_makes_shards_ends_at_once_when_it_is_interrupted():
     before = signal.getsignal(signal.SIGINT)
     try:
-        dataset._start_worker(RECIPE, [])
+        dataset.start_worker(RECIPE, [])
         assert signal.getsignal(signal.SIGINT) is signal.SIG_DFL
     finally:
         signal.signal(signal.SIGINT, before)

@@ -81,7 +81,7 @@ def test_coarse_maps_are_turned_as_if_encoded_in_their_position(known):
     batches = Batches(known, Spec("unseen", 16), TrainSettings(batch=40))
     order = np.arange(len(known))[None]
     turns = np.sort(np.arange(len(known)) % POSITIONS)
-    maps, _, _ = batches._made(batches._held, order, order > 0, turns)
+    maps, _, _ = batches.made(batches.held, order, order > 0, turns)
     for at, turn in enumerate(turns):
         heights = turned(torch.from_numpy(known.heights[at]), turn).numpy()
         wanted = np.empty(maps.shape[1:], np.float32)
@@ -164,7 +164,7 @@ def planes_of_a_run(monkeypatch, source, judged_on, folder, pauses):
     set_of.mkdir(parents=True)
     shutil.copy(source / "dataset.json", set_of)
     seen = []
-    step = training._Run.step
+    step = training.Run.step
 
     def recorded(run, batch):
         if run.progress.step in APPEARS:
@@ -172,7 +172,7 @@ def planes_of_a_run(monkeypatch, source, judged_on, folder, pauses):
         seen.append(batch[0].clone())
         step(run, batch)
 
-    monkeypatch.setattr(training._Run, "step", recorded)
+    monkeypatch.setattr(training.Run, "step", recorded)
     shutil.copy(source / "shard-00000.npz", set_of)
     for steps in pauses:
         settings = TrainSettings(batch=8, steps=steps, validations=1, warmup_steps=1)
