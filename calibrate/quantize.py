@@ -2,7 +2,7 @@
 of searches.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
 from functools import partial
 from itertools import islice
@@ -28,12 +28,13 @@ from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError, ModelError
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.model_file import METADATA_KEY
 from nnpp_edge.terrain.dataset import Samples, read_known, read_recipe, read_samples
+from nnpp_edge.terrain.known import KnownMaps
 from nnpp_edge.training.unseen import Fit, KnownValidator
 from nnpp_edge.training.validation import Judgement, Validator
 
 Floats = NDArray[np.float32]
-Queries = Samples | Floats
-"""Labelled queries, or planes (Q, C, B, B) of a network that prices unseen ground."""
+Queries = Samples | KnownMaps
+"""Labelled queries, or maps known by their blocks for a network that prices unseen ground."""
 Judge = Callable[[Floats], Judgement | Fit]
 OPERATORS = ("Conv", "Relu", "Add", "Resize", "Concat", "AveragePool", "MaxPool")
 """Kinds of nodes that have an int8 kernel on CPUs, so that their QDQ pairs disappear."""
@@ -141,6 +142,8 @@ class QuantizeReport:
     output: str
     samples: int
     """Queries that it was calibrated on."""
+    held_out_maps: tuple[int, ...]
+    """Numbers of the data set's maps that it was judged on instead of a validation set's."""
     excluded: tuple[str, ...]
     """Nodes left float, beside those of the head."""
     quantised: int
@@ -186,7 +189,7 @@ def quantize(
         raise ModelError(f"{fp32.path}: wanted an fp32 model, got one of {precision}")
     if output.resolve() == fp32.path.resolve():
         raise InvalidQueryError(f"{output}: wanted another file than the fp32 model")
-    calibration, held_out, judge = _data(fp32, dataset, validation, samples, seed)
+    calibration, held_out, judge, maps = _data(fp32, dataset, validation, samples, seed)
     facts = {
         "samples": len(calibration),
         "seed": seed,
@@ -216,6 +219,7 @@ def quantize(
         source=str(fp32.path),
         output=str(output),
         samples=len(calibration),
+        held_out_maps=tuple(maps),
         excluded=tuple(exclude),
         quantised=sum(layer.quantised for layer in layers),
         layers=layers,
@@ -232,15 +236,18 @@ def _data(
     validation: Path | None,
     samples: int,
     seed: int,
-) -> tuple[Queries, Queries, Judge]:
-    """Queries to calibrate on and to judge on, and their judge."""
+) -> tuple[Queries, Queries, Judge, list[int]]:
+    """Queries to calibrate on and to judge on, their judge, and the maps of `dataset` that are held
+    out for it.
+    """
     m = fp32.metadata
     if m.encoding == "unseen":
         maps = read_known(dataset)
         calibration = KnownValidator(maps.pick(slice(0, None, 2)), samples)
-        judged_on = read_known(validation) if validation else maps.pick(slice(1, None, 2))
+        numbers = [] if validation else list(range(1, len(maps), 2))
+        judged_on = read_known(validation) if validation else maps.pick(np.array(numbers))
         known = KnownValidator(judged_on, HELD_OUT)
-        return calibration.planes, known.planes, known.judge_answers
+        return calibration.shown, known.shown, known.judge_answers, numbers
     pool = read_samples(dataset, most_maps=2 * samples, size=m.input_size)
     if validation:  # searched on the maps as they are held, as in training
         others = read_samples(validation)
@@ -252,7 +259,8 @@ def _data(
     def judge(answers: Floats) -> Judgement:
         return validator.judge_answers(answers, (m.region_factor,))[0]
 
-    return pool.pick(order[:samples]), validator.shown, judge
+    numbers = [] if validation else np.unique(others.map_index).tolist()
+    return pool.pick(order[:samples]), validator.shown, judge, numbers
 
 
 def split(samples: Samples, seed: int) -> tuple[Samples, Samples]:
@@ -309,7 +317,7 @@ def quantised_graph(
     # onnxruntime's sort overlooks what branches read
     made.graph.node.sort(key=lambda node: node.op_type == "If")
     in_int8 = set(chosen) - set(exclude)
-    inputs = list(islice(iter(_Reader(fp32, queries).get_next, None), LAYERS_COMPARED_ON))
+    inputs = list(islice(inputs_of(fp32, queries), LAYERS_COMPARED_ON))
     names = [node.name for node in convolutions]
     exact = _behind(names, onnx.load(prepared), inputs)
     rounded = _behind(names, made, inputs)
@@ -339,19 +347,21 @@ def _relative_error(exact: Floats, rounded: Floats) -> float:
 
 
 class _Reader(quantization.CalibrationDataReader):  # type: ignore[misc]  # onnxruntime has no types
-    """Inputs of a network for all queries, one at a time, as `model` lays them out."""
+    """`inputs_of` for onnxruntime."""
 
     def __init__(self, model: NetworkModel, queries: Queries) -> None:
-        self.model = model
-        self.queries = queries
-        self.numbers = iter(range(len(queries)))
+        self._inputs = inputs_of(model, queries)
 
     def get_next(self) -> dict[str, Array] | None:
         """The next query's inputs by name; None at the end."""
-        for number in self.numbers:
-            shown(self.model, self.queries, number)()  # lays out the inputs
-            return {name: array.copy() for name, array in self.model.inputs.items()}
-        return None
+        return next(self._inputs, None)
+
+
+def inputs_of(model: NetworkModel, queries: Queries) -> Iterator[dict[str, Array]]:
+    """Inputs of a network for each query, by name, as `model` lays them out."""
+    for number in range(len(queries)):
+        shown(model, queries, number)()  # lays out the inputs
+        yield {name: array.copy() for name, array in model.inputs.items()}
 
 
 def _with_facts(model: onnx.ModelProto, fp32: NetworkModel, facts: Mapping[str, object]) -> bytes:
@@ -385,12 +395,12 @@ def compare(fp32: NetworkModel, int8: NetworkModel, queries: Queries, judge: Jud
 
 
 def shown(model: NetworkModel, queries: Queries, number: int) -> Callable[[], Floats]:
-    """Show a network the map of a query, or planes; a function that runs all of it at each call.
-    Inputs and answers stay until the next call of this one.
+    """Show a network the map of a query, or a map known by its blocks; a function that runs all of
+    it at each call. Inputs and answers stay until the next call of this one.
     """
-    if isinstance(queries, np.ndarray):
-        rows, cols = queries.shape[2:]
-        model.inputs["input"][0, :, :rows, :cols] = queries[number]
+    if isinstance(queries, KnownMaps):
+        rows, cols = queries.heights[number].shape
+        queries.encode(number, model.inputs["input"][0, :, :rows, :cols])
         return lambda: model.answers()[:, :rows, :cols]
     planes, start, goal = queries.query(number)
     model.set_map(planes)
@@ -398,7 +408,7 @@ def shown(model: NetworkModel, queries: Queries, number: int) -> Callable[[], Fl
 
 
 def answers(model: NetworkModel, queries: Queries) -> Floats:
-    """(Q, B, B) probabilities of queries, or (Q, 3, B, B) answers for planes."""
+    """(Q, B, B) probabilities of queries, or (Q, 3, B, B) answers for maps known by blocks."""
     return np.array([shown(model, queries, number)().copy() for number in range(len(queries))])
 
 

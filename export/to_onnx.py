@@ -26,7 +26,7 @@ from nnpp_edge import __version__
 from nnpp_edge.files import write_whole
 from nnpp_edge.model import edge
 from nnpp_edge.model.edge import EdgeNet
-from nnpp_edge.model.network import Network, count_macs, encode
+from nnpp_edge.model.network import Network, count_macs
 from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.errors import DataSetError, ModelError, OutputError
 from nnpp_edge.runtime.kernels.encoding import ENDS_CHANNELS
@@ -154,16 +154,16 @@ def parity(network: Network, onnx_path: Path, samples: Samples | None = None) ->
     differences = []
     for at in range(len(queries) or COMPARED):
         if spec.encoding == "unseen":
-            query = np.empty(0, np.float32)
-            planes = model.inputs["input"][0]
-            planes[:] = rng.uniform(-1.0, 1.0, planes.shape)
+            maps = model.inputs["input"][0]
+            maps[:] = rng.uniform(-1.0, 1.0, maps.shape)
+            facts = np.empty(0)
             answer = model.answers()
         else:
-            planes, start, goal = queries[at] if queries else _random_query(spec, rng)
-            query = encode(spec, start, goal)
-            model.set_map(planes)
+            maps, start, goal = queries[at] if queries else _random_query(spec, rng)
+            facts = np.array((start, goal))
+            model.set_map(maps)
             answer = model.answer(start, goal)
-        wanted = network.answers(planes[None], query[None])[0]
+        wanted = network.answers(maps[None], facts[None].astype(np.float32))[0]
         differences.append(np.abs(answer - wanted))
     most = float(np.max(differences))
     return Parity(

@@ -20,6 +20,8 @@ class Advance(Protocol):
     def __call__(self, done: int, words: str = "", /) -> None: ...
 
 
+THOUSANDTHS = 1000
+"""The total of work that is told in shares, which a bar shows in %."""
 _LINES = 20
 """Where stderr is no terminal, a line is written for each of so many parts of the work."""
 
@@ -42,6 +44,7 @@ def bar(what: str, total: int, *, quiet: bool = False) -> Iterator[Advance]:
         BarColumn,
         MofNCompleteColumn,
         Progress,
+        TaskProgressColumn,
         TextColumn,
         TimeRemainingColumn,
     )
@@ -49,7 +52,7 @@ def bar(what: str, total: int, *, quiet: bool = False) -> Iterator[Advance]:
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
-        MofNCompleteColumn(),
+        TaskProgressColumn() if total == THOUSANDTHS else MofNCompleteColumn(),
         TimeRemainingColumn(),
         TextColumn("{task.fields[words]}"),
     )

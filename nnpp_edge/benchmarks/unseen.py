@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from nnpp_edge.profiling.suites import heights_of, whole_cost
-from nnpp_edge.progress import markdown_table
+from nnpp_edge.progress import bar, markdown_table
 from nnpp_edge.reproduction.regions import shuffled
 from nnpp_edge.runtime import Ground, NetworkModel, Planner, Vehicle
 from nnpp_edge.runtime.arrays import Float2D, in_blocks
@@ -89,7 +89,7 @@ class Site:
         limits = self.ground.limits
         of_map = known_map(self.elevation, self.costs, cell_m, limits, self.factor)
         maps = KnownMaps(*(np.array([each]) for each in of_map))
-        return prices_of(maps.wanted(0))
+        return prices_of(maps.wanted[0])
 
     def driven(self, ends: Endpoints, prices: Float2D, sight: int) -> float:
         """Cost of a drive from start to goal by these prices; inf where a body gets stuck."""
@@ -242,10 +242,13 @@ def main(
         dem = dem.rescaled(size_m)
     prices = rivals(model)
     excess = defaultdict[str, list[float]](list)
-    for site, ends, optimum in drives(dem, workload(name), factor, count, body):
-        for rival, price in prices.items():
-            cost = site.driven(ends, price(site), sight)
-            excess[rival].append(cost / optimum - 1.0)
+    driven = drives(dem, workload(name), factor, count, body)
+    with bar("drives", count) as advance:
+        for done, (site, ends, optimum) in enumerate(driven, 1):
+            for rival, price in prices.items():
+                cost = site.driven(ends, price(site), sight)
+                excess[rival].append(cost / optimum - 1.0)
+            advance(done)
     click.echo(table(excess))
 
 

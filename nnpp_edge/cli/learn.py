@@ -29,11 +29,13 @@ VALIDATED_ON = 128
 MOST_COMPARED = 2048
 """Cells to a side of the map that planners are compared on, at most."""
 STEPS = 6
+OWN = "own"
+"""Name of the network that is made."""
 _MINUTES = "Minutes of training, about."
 _SHARE = "Share of the map, a stripe at the end of its longer side, that is kept to judge by."
 _COLUMNS = columns(
     "planner: method | first/region: success_raw .1% | gap/mean: gap_mean z.2% | "
-    "gap/p99: gap_p99 z.2% | ms/median: time_ms_median | times as/fast: speedup_total"
+    "gap/p99: gap_p99 z.2% | ms/median: time_ms_median | times as fast/as astar: speedup_median"
 )
 
 
@@ -140,13 +142,13 @@ def command(
     steps.command("train", data, "-o", run, *chosen)
     checkpoint = next(path for name in ("best", "last") if (path := run / f"{name}.pt").exists())
     fp32, int8 = (output / f"{name}.onnx" for name in ("fp32", "int8"))
-    facts = ["--name", "own", "--region-factor", REGION_FACTOR, "--dataset", data]
+    facts = ["--name", OWN, "--region-factor", REGION_FACTOR, "--dataset", data]
     steps.command("export", checkpoint, "-o", fp32, *facts)
     sets = ["--dataset", data, "--validation", held_out, "--seed", seed]
     recommended = steps.command("quantize", fp32, "-o", int8, *sets).splitlines()[-1]
 
     network = int8 if recommended.startswith("int8") else fp32
-    line = f"{network} (nnpp), exact A*, corridor and edge on {queries} queries of the stripe"
+    line = f"{network}, exact A*, corridor and edge on {queries} queries of the stripe"
     compare = partial(_compared, network, held_out, terrain, omega, queries, seed)
     steps.make(line, compare)
     if as_json:
@@ -166,12 +168,13 @@ def _compared(
 
     from nnpp_edge.profiling.contest import Row
     from nnpp_edge.profiling.evaluate import evaluate
-    from nnpp_edge.profiling.rivals import exact_and
+    from nnpp_edge.profiling.rivals import RivalPlanner, exact_and
     from nnpp_edge.profiling.suites import LEAST_DISTANCE, Case
     from nnpp_edge.profiling.worth import beside, verdict
     from nnpp_edge.progress import bar
     from nnpp_edge.runtime.map.ground import Ground
     from nnpp_edge.runtime.network.inference import NetworkModel
+    from nnpp_edge.runtime.planners.plan import Method
     from nnpp_edge.terrain.dataset import read_recipe
     from nnpp_edge.terrain.labels import random_query
     from nnpp_edge.terrain.shards import read_terrain
@@ -192,12 +195,14 @@ def _compared(
     if not ends:
         raise InvalidQueryError(f"{stripe.source}: wanted passable cells on the stripe, got none")
     case = Case(str(terrain.workload), side, cost, ends, ground)
-    networks = {"own": NetworkModel(network), "edge": NetworkModel("edge")}
-    rivals = [replace(each, omega=omega) for each in exact_and(("corridor", "nnpp"), networks)]
+    rivals = exact_and(["corridor"], {})
+    for name, file in ((OWN, network), ("edge", "edge")):
+        rivals.append(RivalPlanner(name, Method.NNPP, NetworkModel(file)))
+    rivals = [replace(each, omega=omega) for each in rivals]
     rows: dict[str, list[Row]] = {}
     with bar("compare", queries) as advance:
         figures = evaluate([case], rivals, queries, progress=advance, rows=rows)
-    pairs = [beside(name, rows["nnpp"], rows[name]) for name in ("corridor", "nnpp:edge")]
+    pairs = [beside(name, rows[OWN], rows[name]) for name in ("corridor", "edge")]
     told = {"network": str(network), "verdict": verdict(pairs), "beside": pairs, "rows": figures}
     content = msgspec.json.format(msgspec.json.encode(told), indent=1)
     write_whole(network.with_name("comparison.json"), content)
@@ -205,10 +210,10 @@ def _compared(
     for each in pairs:
         gap = f"mean gaps differ by {each.gap_points} points"
         speed = f"{each.times_as_fast} times as fast in the median"
-        lines.append(f"yours (nnpp) beside {each.other}: {gap}, {speed}: {each.judgement}")
+        lines.append(f"{OWN} beside {each.other}: {gap}, {speed}: {each.judgement}")
     size = "{} × {}".format(*cost.shape)
     lines.append(
-        f"{len(rows['nnpp'])} queries on a map of {size} cells that it was not trained on; "
+        f"{len(rows[OWN])} queries on a map of {size} cells that it was not trained on; "
         "brackets: 95 %, had other queries been drawn there"
     )
     lines.append(f"verdict: {told['verdict']}")

@@ -70,7 +70,7 @@ def compare_command(
 def render_command(
     report: Annotated[Path, options.PATH],
     /,
-    output: Annotated[Path | None, "-o", "The page's file, in place of one beside REPORT."] = None,
+    output: Annotated[Path | None, "-o", options.PATH, "The page's file, or its folder."] = None,
     bmf: _Bmf = None,
     junit: _Junit = None,
 ) -> None:
@@ -93,6 +93,8 @@ def render_command(
     facts = read_report(report)
     if output is None and bmf is None and junit is None:
         output = report.with_suffix(".html")
+    elif output is not None and output.is_dir():
+        output /= "report.html"
     options.check_outputs(
         *(("--output", output), ("--bmf", bmf), ("--junit", junit)), make_folders=True
     )

@@ -69,8 +69,9 @@ def command(
             ("int8", r.int8_bytes, c.int8_ms, c.int8),
         )
     ]
-    compared = f"compared on {c.queries} held-out ones"
-    click.echo(f"{r.output}: calibrated on {r.samples} queries, {compared}")
+    held_out = f"{len(r.held_out_maps)} other maps of it, which --json lists"
+    compared = f"compared on {c.queries} of {validation or held_out}"
+    click.echo(f"{r.output}: calibrated on {r.samples} queries of {dataset}, {compared}")
     click.echo(table(rows, shown_as))
     region = "" if isinstance(c.fp32, Fit) else f"; region at td × {c.fp32.factor:g}"
     differ = f"{c.mean_difference:.4f} on average, {c.max_difference:.3f} at most"

@@ -12,10 +12,8 @@ import click
 from nnpp_edge.cli import options
 from nnpp_edge.cli.text import tell
 from nnpp_edge.model.registry import PRESETS
-from nnpp_edge.progress import bar, ignore, shown
+from nnpp_edge.progress import THOUSANDTHS, bar, ignore, shown
 
-_PARTS = 1000
-"""Of the training, for the progress bar."""
 _SIDE = click.IntRange(64, options.LARGEST_SIDE)
 _SIGMA = options.Real(0.0, 1.0, min_open=True)
 _TARGET = "Labels: nearness to the optimum, or the best path."
@@ -104,7 +102,10 @@ def command(
     first = int(os.environ.get("RANK", "0")) == 0
     judged_on = read_known(validation) if unseen else read_samples(validation)
     growing = GrowingSet(dataset, known=unseen, size=size, make=make and first)
-    with growing, bar("train", _PARTS, quiet=True) if first else nullcontext(ignore) as advance:
+    with (
+        growing,
+        bar("train", THOUSANDTHS, quiet=True) if first else nullcontext(ignore) as advance,
+    ):
         best = train(
             replace(preset, sigma=sigma, input_size=size),
             TrainSettings(
@@ -118,7 +119,7 @@ def command(
             begin_with=begin_with,
             small_checkpoints=small_checkpoints,
             pause_after_s=60.0 * (pause_after or math.inf),
-            report=lambda share, words: advance(int(_PARTS * share), words),
+            report=lambda share, words: advance(int(THOUSANDTHS * share), words),
         )
     if not first:
         return
@@ -129,8 +130,10 @@ def command(
     def text() -> str:
         last = history[progress.best]
         minutes = progress.spent_s / 60
-        words = f"step {last['step']:.0f} of {progress.step} in {minutes:.0f} min"
+        words = f"step {last['step']:.0f} of {progress.step} in {minutes:.1f} min"
         lines = [f"{best}: {words}, loss {shown(last.get('loss'), '.4f')}"]
+        if not last["step"]:
+            lines.append("  these are the weights that it began with: none after them were better")
         if progress.step < (progress.steps or progress.step):
             lines.append(f"  stopped before step {progress.steps}; the same command goes on")
         if unseen:

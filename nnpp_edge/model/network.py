@@ -1,23 +1,18 @@
-"""A network of any architecture behind one interface, the query as it is shown to it, and its
-computational cost.
-"""
+"""A network of any architecture behind one interface, and its computational cost."""
 
 import copy
 from collections.abc import Callable
 
-import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.utils.flop_counter import FlopCounterMode
 
 from nnpp_edge.model import edge
+from nnpp_edge.model.encoding import encode_ends, encode_gaussians
 from nnpp_edge.model.nnpp import NNPP
 from nnpp_edge.model.registry import Spec
 from nnpp_edge.model.unseen import UnseenNet
 from nnpp_edge.runtime.arrays import Array, Float32s
-from nnpp_edge.runtime.kernels.encoding import ENDS_CHANNELS, GAUSSIAN_CHANNELS
-from nnpp_edge.runtime.network.encoding import Point, encode_ends, encode_gaussian
-from nnpp_edge.runtime.network.model_file import QUERY_SPACING
 
 _BODIES: dict[str, Callable[..., nn.Module]] = {
     "edge": edge.EdgeNet,
@@ -36,52 +31,48 @@ class Network(nn.Module):
         size = (spec.input_size,) if spec.architecture == "nnpp" else ()
         self.body = _BODIES[spec.architecture](*size, **spec.options)
 
-    def forward(self, planes: Tensor, query: Tensor) -> Tensor:
-        """Logits (N, B, B) on blocks × blocks.
+    @torch.no_grad()
+    def shown(self, maps: Tensor, facts: Tensor) -> tuple[Tensor, ...]:
+        """The arguments of `forward`, encoded in float32 on the device of both.
 
-        For planes (N, 2, S, S), mean cost and share of impassable cells in [0, 1], or as uint8 in
-        255ths (the paper's network is shown the first alone), and start and goal (N, C, E, E), from
-        `encode`. A network that prices unseen ground is shown planes of its own (`encode_unseen`)
-        and no query, and has three logits: (N, 3, B, B).
+        For `maps` (N, 2, S, S), mean cost and share of impassable cells in [0, 1], or as uint8 in
+        255ths (the paper's network is shown the first alone), and as `facts` start and goal
+        (N, 2, 2), rows and columns in network cells. A network that prices unseen ground is shown
+        the planes of `encode_unseen` as they are, and no facts.
         """
-        if not planes.is_floating_point():
-            planes = planes.float() / 255.0
         if self.spec.architecture == "unseen":
-            logits: Tensor = self.body(planes)
+            return (maps,)
+        greatest = 1.0 if maps.is_floating_point() else 255.0
+        if self.spec.architecture == "nnpp":  # written once: these are megabytes
+            shown = torch.empty(len(maps), 3, *maps.shape[2:], device=maps.device)
+            torch.div(maps[:, :1], greatest, out=shown[:, :1])
+            encode_gaussians(self.spec, facts, shown[:, 1:])
+            return (shown,)
+        planes = torch.pixel_unshuffle(maps / greatest, edge.UNSHUFFLE)
+        return planes, encode_ends(self.spec, facts)
+
+    def forward(self, *shown: Tensor) -> Tensor:
+        """Logits (N, B, B) on blocks × blocks; three of a network that prices unseen ground,
+        (N, 3, B, B).
+        """
+        logits: Tensor = self.body(*shown)
+        if self.spec.architecture == "unseen":
             return logits
-        if self.spec.architecture == "nnpp":
-            logits = self.body(torch.cat((planes[:, :1], query), 1))
-        else:
-            small = torch.pixel_unshuffle(planes, edge.UNSHUFFLE)
-            logits = torch.pixel_shuffle(self.body(small, query), edge.OUTPUT_SHUFFLE)
+        if self.spec.architecture == "edge":
+            logits = torch.pixel_shuffle(logits, edge.OUTPUT_SHUFFLE)
         return logits[:, 0]
 
     @torch.no_grad()
-    def answers(self, planes: Array, queries: Float32s) -> Float32s:
+    def answers(self, maps: Array, facts: Float32s) -> Float32s:
         """The sigmoid of the logits for arrays of any length, in batches and evaluation mode."""
         self.eval()
         device = next(self.parameters()).device
         parts = []
-        for at in range(0, len(planes), _BATCH):
-            batch = (torch.from_numpy(each[at : at + _BATCH]) for each in (planes, queries))
-            logits = self(*(each.to(device) for each in batch))
+        for at in range(0, len(maps), _BATCH):
+            batch = (torch.from_numpy(each[at : at + _BATCH]) for each in (maps, facts))
+            logits = self(*self.shown(*(each.to(device) for each in batch)))
             parts.append(torch.sigmoid(logits.float()).cpu())
         return torch.cat(parts).numpy()
-
-
-def encode(spec: Spec, start: Point, goal: Point) -> Float32s:
-    """Start and goal, (row, col) in network cells, as they are shown to this network: (C, E, E)
-    float32.
-    """
-    sigma = spec.sigma * spec.input_size
-    if spec.encoding == "ends":
-        side = spec.input_size // QUERY_SPACING
-        query = np.empty((ENDS_CHANNELS, side, side), np.float32)
-        encode_ends(start, goal, sigma, query)
-    else:
-        query = np.empty((GAUSSIAN_CHANNELS, spec.input_size, spec.input_size), np.float32)
-        encode_gaussian(start, goal, sigma, query)
-    return query
 
 
 def count_macs(model: nn.Module, inputs: tuple[Tensor, ...]) -> int:

@@ -14,9 +14,9 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from nnpp_edge.profiling.outcome import gap
+from nnpp_edge.profiling.outcome import outcome
 from nnpp_edge.progress import ignore
-from nnpp_edge.runtime.planners.plan import Plan, Source
+from nnpp_edge.runtime.planners.plan import Plan
 
 CaseT = TypeVar("CaseT")
 ResultT = TypeVar("ResultT")
@@ -131,20 +131,20 @@ def answer(plan: Plan, time_ms: float, optimum: float, exact_ms: float | None) -
     """A plan's figures beside the optimum's cost; `exact_ms` is exact A*'s time, where it was
     measured.
     """
-    first = plan.source in (Source.MAP, Source.REGION)  # before any region was widened
+    of = outcome(plan.cost, optimum, source=plan.source)
     found: Row = {
         "time_ms": time_ms,
-        "first": first,
+        "first": of["found"],
         "solved": plan.ok,
         "expansions": plan.expansions,
         "costs_computed": plan.costs_computed,
     }
-    if first:
+    if of["found"]:
         found["first_ms"] = time_ms
     if exact_ms is not None:
         found |= {"exact_ms": exact_ms, "speedup": exact_ms / time_ms}
     if plan.ok:
-        found |= {"gap": gap(plan.cost, optimum), "cc": plan.traverse_cost}
+        found |= {"gap": of["gap"], "cc": plan.traverse_cost}
     return found
 
 

@@ -17,7 +17,7 @@ from nnpp_edge.profiling.contest import (
     ratio,
     summarised,
 )
-from nnpp_edge.profiling.outcome import of_region
+from nnpp_edge.profiling.outcome import outcome
 from nnpp_edge.profiling.rivals import EXACT, FindsPlans, RivalPlanner
 from nnpp_edge.profiling.suites import Case
 from nnpp_edge.progress import Progress, ignore
@@ -210,12 +210,13 @@ class _OnMap:
             "whole_map": plan.source is Source.FALLBACK,
             "region_share": 1.0,
         }
+        beside = (plan.cost, optimum.cost, len(optimum.path))
         if plan.region is not None:
-            searched = of_region(plan.region, len(optimum.path))
+            searched = outcome(*beside, plan.region)
             found["region_share"] = searched["share"]
             found["mm"] = searched["mm"]
         if plan.network_region is not None:
-            found["mm_network"] = of_region(plan.network_region, len(optimum.path))["mm"]
+            found["mm_network"] = outcome(*beside, plan.network_region)["mm"]
         return found
 
     def _own_ms(self, name: str, records: Records) -> float:

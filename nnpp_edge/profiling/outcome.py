@@ -1,12 +1,35 @@
-"""What is said of a search in a region, by one definition wherever it is said: `train`, `quantize`,
-`evaluate` and `reproduce`.
-
-A query is *found* where the first region that is searched holds a path. The *gap* is a path's cost
-above the optimum of the whole map. *MM* is the number of cells of the optimal path over those of
-the region, found or not.
+"""What is said of an answer to a query, by one definition and one function wherever it is said:
+`train`, `quantize`, `evaluate` and `reproduce`.
 """
 
+import math
+
+from nnpp_edge.runtime.planners.plan import Source
 from nnpp_edge.runtime.search.region import Region
+
+
+def outcome(
+    cost: float,
+    optimum: float,
+    optimal_cells: int = 0,
+    region: Region | None = None,
+    source: Source | None = Source.REGION,
+) -> dict[str, float]:
+    """Figures of a path of this `cost` (inf without one) beside the optimum of the whole map.
+
+    ``found`` is 1 where the first region that is searched holds a path, else 0: `source` is where
+    the path was found. ``gap`` is the path's cost above the optimum, as a share of it. Of a region
+    ``mm`` is the number of cells of the optimal path over those of the region, whether a path was
+    found or not, and ``share`` that of the map which the region covers.
+    """
+    path = cost < math.inf
+    of = {"found": float(path and source in (Source.MAP, Source.REGION))}
+    if path:
+        of["gap"] = gap(cost, optimum)
+    if region is not None:
+        area = region.area()
+        of |= {"mm": optimal_cells / area, "share": area / region.cells}
+    return of
 
 
 def gap(cost: float, optimum: float) -> float:
@@ -14,11 +37,3 @@ def gap(cost: float, optimum: float) -> float:
     back.
     """
     return (cost - optimum) / abs(optimum) if optimum else 0.0
-
-
-def of_region(region: Region, optimal_cells: int) -> dict[str, float]:
-    """``mm`` of a region, for an optimal path of so many cells, and the ``share`` of the map that
-    it covers.
-    """
-    area = region.area()
-    return {"mm": optimal_cells / area, "share": area / region.cells}

@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 
 from nnpp_edge.profiling.contest import Harness
+from nnpp_edge.profiling.outcome import outcome
 from nnpp_edge.profiling.suites import Case
 from nnpp_edge.reproduction import drawing, paper
 from nnpp_edge.reproduction.drawing import Scene
@@ -27,7 +28,7 @@ from nnpp_edge.reproduction.table import written
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
-from nnpp_edge.runtime.planners.plan import Plan, Source
+from nnpp_edge.runtime.planners.plan import Plan
 
 COMPILED = ("astar", "nnpp", "dstar", "nnpp-dstar", "corridor", "corridor-dstar")
 PLAIN_ASTARS = (PLAIN, PLAIN_NN, PLAIN_CONTROLS[CORRIDOR])
@@ -95,17 +96,18 @@ def _ours(episode: Episode, model: NetworkModel, repeats: int) -> Iterator[list[
         drives.append(list(Harness(turn).measure(calls, episode.steps)))
     for at, answers in enumerate(zip(*drives, strict=True)):
         last = answers[-1]
+        optimum = last["astar"].results[0]
         rows = []
         for name in COMPILED:
             plan = last[name].results[0]
             row: Row = {
                 "planner": name,
-                "found": float(plan.source in (Source.MAP, Source.REGION)),
+                "found": outcome(plan.cost, optimum.cost, source=plan.source)["found"],
                 "time_s": np.median([records[name].median_s for records in answers[1:]]),
             }
             if plan.ok:
                 row["cc"] = plan.traverse_cost
-                row["exact_cc"] = last["astar"].results[0].traverse_cost
+                row["exact_cc"] = optimum.traverse_cost
             mended = name.endswith("dstar") and at > 0
             rows.append({**row, "mended": float(mended)})
         yield rows

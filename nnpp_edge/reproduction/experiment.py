@@ -7,6 +7,7 @@ from itertools import islice
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 from nnpp_edge.profiling.suites import LEAST_DISTANCE, Case, large_enough, terrain_cases
+from nnpp_edge.progress import THOUSANDTHS
 from nnpp_edge.reproduction.findings import Finding
 from nnpp_edge.reproduction.regions import Networks
 from nnpp_edge.reproduction.rows import Row, Rows
@@ -47,7 +48,7 @@ class Context:
 
     def progress(self, share: float) -> None:
         """Report the share of the work that is done."""
-        self.advance(int(1000 * share))
+        self.advance(int(THOUSANDTHS * share))
 
     def fitting(self, sizes: Sequence[int]) -> list[int]:
         """The sizes that the terrain is large enough for, with a note on the others.

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from nnpp_edge.profiling.contest import Harness
-from nnpp_edge.profiling.outcome import gap, of_region
+from nnpp_edge.profiling.outcome import outcome
 from nnpp_edge.profiling.plain_astar import build_graph, search
 from nnpp_edge.reproduction.regions import (
     CONTROLS,
@@ -68,25 +68,25 @@ class OneMap:
     def row(
         self,
         planner: str,
-        path: Int32 | list[Cell] | None,
+        path: Int32 | list[Cell],
         region: Region | None = None,
+        source: Source | None = Source.REGION,
     ) -> Row:
         """Figures of a path found in this region or on the whole map."""
         start, goal = self.query
+        least_cost, _, exact_cc = self.grid.costs_of(self.optimum)
+        cost, _, cc = self.grid.costs_of(np.reshape(path, (-1, 2)).astype(np.int32))
+        of = outcome(cost, least_cost, len(self.optimum), region, source)
         row: Row = {
             "planner": planner,
             "start": "{},{}".format(*start),
             "goal": "{},{}".format(*goal),
             "path_cells": len(self.optimum),
-            "found": 0.0,
+            "found": of.pop("found"),
         }
-        if path is not None and len(path):
-            least_cost, _, exact_cc = self.grid.costs_of(self.optimum)
-            cost, _, cc = self.grid.costs_of(np.array(path, np.int32))
-            row |= {"found": 1.0, "cc": cc, "exact_cc": exact_cc, "excess": gap(cost, least_cost)}
-        if region is not None:
-            row |= of_region(region, len(self.optimum))
-        return row
+        if "gap" in of:
+            row |= {"cc": cc, "exact_cc": exact_cc, "excess": of.pop("gap")}
+        return row | of
 
     def searched(self, names: dict[str, str]) -> Rows:
         """Figures of compiled searches in regions, under these names by the regions' kinds."""
@@ -118,10 +118,9 @@ class OneMap:
             answer = record.results[-1]
             if isinstance(answer, Plan):
                 region = ours.plan(*self.query, method=name, keep_regions=True).region
-                row = self.row(name, answer.path, region)
-                row["found"] = float(answer.source in (Source.MAP, Source.REGION))
+                row = self.row(name, answer.path, region, answer.source)
             else:
-                row = self.row(name, answer, self.regions.get(kinds.get(name, "")))
+                row = self.row(name, answer or [], self.regions.get(kinds.get(name, "")))
             row["time_s"] = record.median_s
             if name == PLAIN_NN:
                 row["inference_s"] = self.maker.inference_s

@@ -16,7 +16,7 @@ from nnpp_edge import __version__
 from nnpp_edge.files import make_folder, write_all, write_whole
 from nnpp_edge.profiling.machine import environment
 from nnpp_edge.profiling.suites import TerrainFiles
-from nnpp_edge.progress import MISSING, bar, markdown_table
+from nnpp_edge.progress import MISSING, THOUSANDTHS, bar, markdown_table
 from nnpp_edge.reproduction.dynamic import table3, table4
 from nnpp_edge.reproduction.exact import fig7, table1
 from nnpp_edge.reproduction.experiment import BOTH, CONTROLS_NOTE, Context, Experiment
@@ -181,7 +181,7 @@ def reproduce(
             continue
         machine = _machine()
         exercise()  # no kernel is compiled or loaded while the clock runs
-        with bar(name, 1000, quiet=True) as advance:
+        with bar(name, THOUSANDTHS, quiet=True) as advance:
             context = Context(dems, seed, networks, advance)
             result = experiment.run(context, **settings)
         table = summary(result.table or result.rows, result.by, networks, totals=result.totals)

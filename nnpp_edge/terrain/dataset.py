@@ -2,6 +2,7 @@
 
 import multiprocessing
 import os
+import signal
 import threading
 import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
@@ -377,7 +378,7 @@ def _shards_here(
     """Make shards in processes of this machine."""
     workers = workers or len(os.sched_getaffinity(0))
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, context, _start_worker, (recipe, tiles)) as pool:
+    with ProcessPoolExecutor(workers, context, start_worker, (recipe, tiles)) as pool:
         try:
             for job in as_completed([pool.submit(_make_here, i) for i in indices]):
                 yield job.result()
@@ -390,7 +391,9 @@ def _shards_here(
             pool.shutdown(cancel_futures=True)
 
 
-def _start_worker(recipe: Recipe, tiles: Tiles) -> None:
+def start_worker(recipe: Recipe, tiles: Tiles) -> None:
+    # Ctrl-C ends it at once, not after the shards that wait for it
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
     global _recipe, _tiles
     _recipe = recipe
     _tiles = tiles

@@ -8,8 +8,8 @@ from dataclasses import dataclass, fields
 import cv2
 import numpy as np
 
-from nnpp_edge.runtime.arrays import Array, Bool, Float2D, Int32, UInt8, in_blocks
-from nnpp_edge.runtime.network.unseen import expected_by_slope
+from nnpp_edge.runtime.arrays import Array, Bool, Float2D, Float32s, Int32, Planes, UInt8, in_blocks
+from nnpp_edge.runtime.network.unseen import encode_unseen, expected_by_slope
 from nnpp_edge.runtime.terrain.traversability import Traversability, terrain_terms
 from nnpp_edge.runtime.tuning import SlopePrice
 
@@ -50,14 +50,19 @@ class KnownMaps:
         factor = int(self.factor[at])
         return factor, float(self.cell_size_m[at]) * factor
 
+    def encode(self, at: int, out: Planes) -> None:
+        """Show one map to a network: its channels into `out`, (12, B, B) float32."""
+        factor, side_m = self.blocks(at)
+        encode_unseen(self.heights[at], self.limits(at), (side_m, side_m), factor, out)
+
     def pick(self, maps: slice | Array) -> "KnownMaps":
         """Some of the maps."""
         return KnownMaps(*(getattr(self, field.name)[maps] for field in fields(self)))
 
-    def wanted(self, at: int) -> Float2D:
-        """The answers wanted for one map: (3, B, B) float32."""
-        wanted: Float2D = self.answers[at] / np.float32(CERTAIN)
-        return wanted
+    @property
+    def wanted(self) -> Float32s:
+        """The answers wanted: (M, 3, B, B)."""
+        return np.divide(self.answers, CERTAIN, dtype=np.float32)
 
 
 def known_map(
@@ -101,7 +106,7 @@ def fitted_slope(maps: KnownMaps) -> SlopePrice:
     shares = []
     means = []
     errors = []
-    for at, answers in enumerate(maps.answers / np.float32(CERTAIN)):
+    for at, answers in enumerate(maps.wanted):
         limits = maps.limits(at)
         factor, block_m = maps.blocks(at)
         slope = terrain_terms(maps.heights[at], block_m)[0]

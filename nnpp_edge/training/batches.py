@@ -1,6 +1,7 @@
 """Batches of labelled queries, or of maps known by their blocks, turned and swapped at random.
 
 They are made whole, on the device that trains: maps and labels lie there as bytes where they fit.
+The network encodes them itself.
 """
 
 from collections.abc import Iterator
@@ -18,15 +19,14 @@ from nnpp_edge.terrain.dataset import Samples
 from nnpp_edge.terrain.known import CERTAIN, KnownMaps
 from nnpp_edge.terrain.labels import EXCESS_STEP
 from nnpp_edge.training.checkpoint import TrainSettings
-from nnpp_edge.training.encoding import encode_queries, encode_unseen_maps, query_shape
 
 Batch = tuple[Tensor, Tensor, Tensor]
-"""Planes, encoded queries, targets."""
+"""Maps and facts, as a network is called with, and targets."""
 CPU = torch.device("cpu")
 POSITIONS = 8
 """Of a map: turned and mirrored."""
-_BYTES_AT_ONCE = 2**21
-"""Batches of small maps are made several at once, up to so many bytes of planes: a call of torch
+_BYTES_AT_ONCE = 2**20
+"""Batches of small maps are made several at once, up to so many bytes of maps: a call of torch
 takes longer than its work.
 """
 _LARGEST_SHARE = 0.5
@@ -37,18 +37,18 @@ class Held(NamedTuple):
     """Samples as they are kept: bytes in tensors for the device, the rest in arrays."""
 
     maps: Tensor
-    """(M, C, S, S) uint8 planes, or float32 heights of blocks."""
+    """(M, C, S, S) planes: uint8, or float32 of maps known by their blocks."""
     labels: Tensor
     """(Q, L, B, B) uint8."""
     map_index: Int64
     """(Q,) the map of each sample."""
     facts: Float32s
-    """(Q, 2, 2) start and goal, or (Q, 4) of `encode_unseen_maps`."""
+    """(Q, 2, 2) start and goal; (Q, 0) without."""
 
 
 class Batches:
-    """Planes, encoded queries and targets, in a new random order each epoch, which the settings'
-    seed and the epoch's number decide.
+    """Maps, facts and targets, in a new random order each epoch, which the settings' seed and the
+    epoch's number decide.
 
     The settings' ``target`` is ``near``: exp(-excess / softness), the nearness to the optimum of
     the best path through a block; or ``path``: 1 on the optimal path's blocks, 0 elsewhere, as in
@@ -59,7 +59,7 @@ class Batches:
 
     def __init__(
         self,
-        samples: Samples | KnownMaps,
+        samples: Samples | KnownMaps | None,
         spec: Spec,
         settings: TrainSettings,
         *,
@@ -71,33 +71,40 @@ class Batches:
         self.settings = settings
         self.device = device
         self.share = slice(rank, settings.batch, world)
-        bytes_a_cell = 4 * len(UNSEEN) if spec.encoding == "unseen" else 2
-        in_batch = bytes_a_cell * spec.input_size**2 * settings.batch // world
-        self._at_once = max(1, _BYTES_AT_ONCE // in_batch)
         nearness = torch.exp(-torch.arange(256) * (EXCESS_STEP / settings.softness))
         nearness[255] = 0.0
         self._nearness = nearness.to(device)
-        self._held = self._placed(*self._of(samples))
+        self._world = world
+        self.held: Held | None = None
+        if samples is not None:
+            self.extend(samples)
 
     def __len__(self) -> int:
         """Batches in an epoch."""
-        return len(self._held.labels) // self.settings.batch
+        return 0 if self.held is None else len(self.held.labels) // self.settings.batch
 
     def extend(self, samples: Samples | KnownMaps) -> None:
         """Add samples of the same kind; the epochs that begin from now on have them, too."""
-        held = self._held
-        more = self._of(samples)
-        map_index = np.concatenate([held.map_index, more.map_index + len(held.maps)])
-        maps, labels = (
-            torch.cat((ours, theirs.to(ours.device)))
-            for ours, theirs in ((held.maps, more.maps), (held.labels, more.labels))
-        )
-        self._held = self._placed(maps, labels, map_index, np.concatenate([held.facts, more.facts]))
+        held = self._of(samples)
+        before = self.held
+        if before is not None:
+            held = Held(
+                torch.cat((before.maps.cpu(), held.maps)),
+                torch.cat((before.labels.cpu(), held.labels)),
+                np.concatenate([before.map_index, held.map_index + len(before.maps)]),
+                np.concatenate([before.facts, held.facts]),
+            )
+        before = self.held = None  # the device's memory is free before it is counted
+        self.held = self._placed(held)
 
     def _of(self, samples: Samples | KnownMaps) -> Held:
         """Samples as they are kept, on the CPU."""
         if isinstance(samples, KnownMaps):
-            return held_known(samples)
+            answers = torch.from_numpy(np.ascontiguousarray(samples.answers))
+            count = len(samples)
+            no_facts = np.empty((count, 0), np.float32)
+            planes = torch.from_numpy(known_planes(samples))
+            return Held(planes, answers, np.arange(count), no_facts)
         side = samples.planes.shape[-1]
         blocks = self.spec.blocks
         count, fine, _ = samples.excess.shape
@@ -118,74 +125,85 @@ class Batches:
             np.stack([samples.start, samples.goal], 1),
         )
 
-    def _placed(self, maps: Tensor, labels: Tensor, map_index: Int64, facts: Float32s) -> Held:
-        """On the device, if there is room for them, else in this machine's memory, from which each
-        batch's are brought.
+    def _placed(self, held: Held) -> Held:
+        """Maps and labels on the device, if there is room for them, else in this machine's memory,
+        from which each batch's are brought.
         """
         home = self.device
-        if home.type == "cuda" and maps.device != home:
+        if home.type == "cuda":
+            torch.cuda.empty_cache()
             free, _ = torch.cuda.mem_get_info(home)
-            wanted = sum(each.numel() * each.itemsize for each in (maps, labels))
-            if wanted > _LARGEST_SHARE * free:
-                home = CPU
-        return Held(maps.to(home), labels.to(home), map_index, facts)
+            if held.maps.nbytes + held.labels.nbytes > _LARGEST_SHARE * free:
+                return held
+        return held._replace(maps=held.maps.to(home), labels=held.labels.to(home))
 
     def epoch(self, number: int, skip: int = 0) -> Iterator[Batch]:
         """The batches of an epoch from the `skip`-th on."""
         size = self.settings.batch
+        held = self.held
+        assert held is not None
+        in_batch = held.maps[0].nbytes * size // self._world
+        at_once = max(1, _BYTES_AT_ONCE // in_batch)
         rng = np.random.default_rng([self.settings.seed, number])
-        order = rng.permutation(len(self._held.labels))[: len(self) * size].reshape(-1, size)
+        order = rng.permutation(len(held.labels))[: len(self) * size].reshape(-1, size)
         swapped = rng.integers(2, size=order.shape, dtype=bool)[:, self.share]
         # each place of a batch has its position, equal ones side by side: the order is random
         turns = np.sort((np.arange(size) + rng.integers(POSITIONS)) % POSITIONS)[self.share]
+        threads = torch.get_num_threads()
         order = order[:, self.share]  # of the whole batch, whoever takes which part of it
-        for first in range(skip - skip % self._at_once, len(self), self._at_once):
-            those = slice(first, first + self._at_once)
-            made = self._made(order[those], swapped[those], turns)
+        for first in range(skip - skip % at_once, len(self), at_once):
+            those = slice(first, first + at_once)
+            # to wake other threads takes longer than these copies
+            torch.set_num_threads(1)
+            made = self.made(held, order[those], swapped[those], turns)
+            torch.set_num_threads(threads)
             parts = [each.chunk(len(order[those])) for each in made]
             yield from list(zip(*parts, strict=True))[max(skip - first, 0) :]
 
-    def _made(self, queries: Int64, swapped: Bool, turns: Int64) -> Batch:
-        """Planes, encoded queries and targets of some batches' queries (A, N); those `swapped` go
-        from goal to start.
+    def made(self, held: Held, queries: Int64, swapped: Bool, turns: Int64) -> Batch:
+        """Maps, facts and targets of some batches' queries (A, N); those `swapped` go from goal to
+        start.
         """
-        held = self._held
+        of_blocks = self.spec.encoding == "unseen"
         labels = self._turned(held.labels, queries, turns)
-        maps = self._turned(held.maps, held.map_index[queries], turns)
+        maps = self._turned(held.maps, held.map_index[queries], turns, rises=of_blocks)
         facts = held.facts[queries]
-        if self.spec.encoding == "unseen":
-            of_maps = torch.from_numpy(facts.reshape(len(maps), -1)).to(self.device)
-            planes = maps.new_empty((len(maps), len(UNSEEN), *maps.shape[2:]))
-            encode_unseen_maps(maps[:, 0], of_maps, planes)
-            return planes, maps.new_empty((len(maps), 0)), labels / CERTAIN
-        ends = turned_ends(facts, turns, self.spec.input_size)
-        other_way = ends[:, :, ::-1]
-        ends = np.where(swapped[..., None, None], other_way, ends).reshape(-1, 2, 2)
-        query = self._nearness.new_empty((len(maps), *query_shape(self.spec)))
-        encode_queries(self.spec, torch.from_numpy(ends).to(self.device), query)
-        return maps, query, self._nearness[labels[:, 0].int()]
+        if of_blocks:
+            targets = labels / CERTAIN
+        else:
+            targets = self._nearness[labels[:, 0].int()]
+            facts = turned_ends(facts, turns, self.spec.input_size)
+            facts = np.where(swapped[..., None, None], facts[:, :, ::-1], facts)
+        facts = facts.reshape(len(maps), *facts.shape[2:])
+        return maps, torch.from_numpy(facts).to(self.device), targets
 
-    def _turned(self, held: Tensor, index: Int64, turns: Int64) -> Tensor:
+    def _turned(self, held: Tensor, index: Int64, turns: Int64, *, rises: bool = False) -> Tensor:
         """`held[index]` on the device, each in its position: all of one position at once, so many
-        batches (A, N) there may be.
+        batches (A, N) there may be. With `rises` the first two planes are those along rows and
+        down columns, which turn with the map.
         """
-        picked = torch.from_numpy(index.ravel()).to(held.device)
-        found = held.index_select(0, picked).to(self.device, non_blocking=True)
+        found = held.index_select(0, torch.from_numpy(index.ravel()).to(held.device))
+        if found.device != self.device:
+            found = found.pin_memory().to(self.device, non_blocking=True)
         of_batches = found.reshape(*index.shape, *held.shape[1:])
-        groups = torch.split(of_batches, np.bincount(turns).tolist(), 1)
-        in_position = [turned(group, turn) for turn, group in enumerate(groups)]
-        return torch.cat(in_position, 1).flatten(0, 1)
+        in_position = torch.empty_like(of_batches)
+        sizes = np.bincount(turns).tolist()
+        groups = (torch.split(each, sizes, 1) for each in (of_batches, in_position))
+        for turn, (group, out) in enumerate(zip(*groups, strict=True)):
+            out.copy_(turned(group, turn))
+            if rises:
+                signs = [1 - (turn & 2), 1 - 2 * (turn & 1)]
+                signed = out[:, :, :2] * out.new_tensor(signs)[:, None, None]
+                out[:, :, :2] = signed.flip(2) if turn & 4 else signed
+        return in_position.flatten(0, 1)
 
 
-def held_known(maps: KnownMaps) -> Held:
-    """Maps known by their blocks as they are kept, on the CPU."""
-    facts = (maps.factor, maps.cell_size_m, maps.slope_limit_deg, maps.hard_slope_deg)
-    return Held(
-        torch.from_numpy(np.ascontiguousarray(maps.heights[:, None])),
-        torch.from_numpy(np.ascontiguousarray(maps.answers)),
-        np.arange(len(maps)),
-        np.stack(facts, 1).astype(np.float32),
-    )
+def known_planes(maps: KnownMaps) -> Float32s:
+    """All maps as a network is shown them, (M, 12, B, B)."""
+    planes = np.empty((len(maps), len(UNSEEN), *maps.heights.shape[1:]), np.float32)
+    for at, out in enumerate(planes):
+        maps.encode(at, out)
+    return planes
 
 
 def turned(array: Tensor, turn: int) -> Tensor:

@@ -42,7 +42,7 @@ _MMAP_MAX = -4
 SAVED_EVERY_S = 300.0
 REPORTED_EVERY_S = 0.5
 Report = Callable[[float, str], None]
-"""Called with the share done, and loss, rate and validation in words."""
+"""Called with the share done, and loss, rate and score of the last validation in words."""
 
 
 def train(
@@ -86,11 +86,12 @@ def train(
     keep_freed_memory()
     make_folder(folder)
     last = folder / LAST
-    former = folder / "checkpoint.pt"  # its name in older versions
-    if processes.first and former.exists() and not last.exists():
-        former.rename(last)
-    validator = _validator(validation, spec, omega) if processes.first else None
-    run = _Run(spec, settings, processes)
+    validator: Validator | KnownValidator | None = None
+    if processes.first and isinstance(validation, KnownMaps):
+        validator = KnownValidator(validation)
+    elif processes.first and isinstance(validation, Samples):
+        validator = Validator(validation, spec, omega)
+    run = Run(spec, settings, processes)
     run.begin(last, begin_with)
     progress = run.progress
     data = _Data(training, run)
@@ -145,26 +146,12 @@ def train(
 class _Data:
     """The training's batches, and the set that they may grow from."""
 
-    def __init__(self, training: Samples | KnownMaps | GrowingSet, run: "_Run") -> None:
+    def __init__(self, training: Samples | KnownMaps | GrowingSet, run: "Run") -> None:
         self._run = run
         self._set = training if isinstance(training, GrowingSet) else None
-        self._batches: Batches | None = None
-        if not isinstance(training, GrowingSet):
-            self._take(training)
-
-    @property
-    def batches(self) -> Batches:
-        assert self._batches is not None
-        return self._batches
-
-    def _take(self, samples: Samples | KnownMaps) -> None:
-        run = self._run
-        if self._batches is not None:
-            self._batches.extend(samples)
-            return
         processes = run.processes
-        self._batches = Batches(
-            samples,
+        self.batches = Batches(
+            None if isinstance(training, GrowingSet) else training,
             run.spec,
             run.settings,
             device=processes.device,
@@ -184,26 +171,18 @@ class _Data:
             progress.shards = int(self._run.processes.of_the_first(shards))
             more = growing.read(progress.shards)
             if more is not None:
-                self._take(more)
+                self.batches.extend(more)
             share = progress.shards / growing.recipe.shards
-            if (self._batches is not None and len(self._batches)) or not growing.growing():
+            if len(self.batches) or not growing.growing():
                 break
             time.sleep(1.0)
-        if self._batches is None or not len(self._batches):
+        if not len(self.batches):
             least = self._run.settings.batch
             raise DataSetError(
                 f"wanted at least {least} samples for one batch, got fewer: make more maps, or "
                 "give a smaller --batch"
             )
-        self._run.plan_steps(round(len(self._batches) / share))
-
-
-def _validator(
-    validation: Samples | KnownMaps, spec: Spec, omega: float
-) -> Validator | KnownValidator:
-    if isinstance(validation, KnownMaps):
-        return KnownValidator(validation)
-    return Validator(validation, spec, omega)
+        self._run.plan_steps(round(len(self.batches) / share))
 
 
 def keep_freed_memory() -> None:
@@ -272,7 +251,7 @@ class Processes:
             distributed.destroy_process_group()
 
 
-class _Run:
+class Run:
     """One process's part of a training run: the network, its running mean, the optimiser and the
     progress.
     """
@@ -426,10 +405,12 @@ class _Run:
             progress.steps = min(self.most, max(progress.step, in_time))
 
     def _loss(self, batch: Batch) -> Tensor:
-        planes, query, target = batch
+        maps, facts, target = batch
+        maps = maps.contiguous(memory_format=torch.channels_last)
+        shown = self.network.shown(maps, facts)
         self.network.train()
         with torch.autocast(self.device.type, torch.bfloat16, enabled=self.in_bfloat16):
-            logits = self.wrapped(planes.contiguous(memory_format=torch.channels_last), query)
+            logits = self.wrapped(*shown)
         return binary_cross_entropy_with_logits(logits.float(), target)
 
     def _learning_rate(self) -> float:
@@ -460,7 +441,7 @@ class _Run:
         """The last validation in words, beside the best."""
         progress = self.progress
         best = progress.history[progress.best]
-        words = f"validation {progress.history[-1]['score']:.4f}"
+        words = f"score {progress.history[-1]['score']:.4f}"
         if progress.waited:
             words += f" (best {best['score']:.4f}, step {best['step']:.0f})"
         return words

@@ -3,15 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from nnpp_edge.model.network import Network
-from nnpp_edge.runtime.network.model_file import UNSEEN
 from nnpp_edge.runtime.network.unseen import prices_of
-from nnpp_edge.terrain.known import CERTAIN, KnownMaps
-from nnpp_edge.training.batches import held_known
-from nnpp_edge.training.encoding import encode_unseen_maps
+from nnpp_edge.terrain.known import KnownMaps
+from nnpp_edge.training.batches import known_planes
 
 Floats = NDArray[np.float32]
 
@@ -36,17 +33,14 @@ class KnownValidator:
 
     def __init__(self, maps: KnownMaps, most: int = 256) -> None:
         chosen = np.linspace(0, len(maps) - 1, min(most, len(maps))).astype(int)
-        held = held_known(maps.pick(chosen))
-        shape = (len(chosen), len(UNSEEN), *held.maps.shape[2:])
-        self.planes = np.empty(shape, np.float32)
-        planes = torch.from_numpy(self.planes)
-        encode_unseen_maps(held.maps[:, 0], torch.from_numpy(held.facts), planes)
-        self.wanted: Floats = (held.labels / CERTAIN).numpy()
+        self.shown = maps.pick(chosen)
+        self.wanted = self.shown.wanted
 
     def judge(self, network: Network) -> list[Fit]:
         """How well a network's answers fit."""
-        no_query = np.empty((len(self.planes), 0), np.float32)
-        return [self.judge_answers(network.answers(self.planes, no_query))]
+        planes = known_planes(self.shown)
+        no_facts = np.empty((len(planes), 0), np.float32)
+        return [self.judge_answers(network.answers(planes, no_facts))]
 
     def judge_answers(self, answers: Floats) -> Fit:
         """How well answers (N, 3, B, B) fit."""

@@ -1,17 +1,19 @@
 """Validation by the metric that matters: the outcome of searches in the predicted region."""
 
+import math
 import os
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from queue import SimpleQueue
+from statistics import fmean
 from typing import TypeVar
 
 import numpy as np
 
-from nnpp_edge.model.network import Network, encode
+from nnpp_edge.model.network import Network
 from nnpp_edge.model.registry import Spec
-from nnpp_edge.profiling.outcome import gap, of_region
+from nnpp_edge.profiling.outcome import outcome
 from nnpp_edge.runtime.arrays import Float32s
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.kernels.threshold import lowered
@@ -76,8 +78,6 @@ class Validator:
         self.index = np.linspace(0, len(samples) - 1, min(most, len(samples))).astype(int)
         self.shown = samples.averaged(spec.input_size).pick(self.index)
         """The queries as the network is shown them."""
-        ends = (self.shown.query(at)[1:] for at in range(len(self.index)))
-        self.queries = np.stack([encode(spec, start, goal) for start, goal in ends])
         self.model = StepModel.of("paper", omega)
         self.lookup = Frame(size, size, spec.input_size).lookup(spec.blocks)
         self._scratch = SimpleQueue[Scratch]()
@@ -88,16 +88,17 @@ class Validator:
 
     def judge(self, network: Network) -> list[Judgement]:
         """Search every validation query in the network's region, for each of `FACTORS`."""
-        maps = self.shown.planes[self.shown.map_index]
-        return self.judge_answers(network.answers(maps, self.queries))
+        shown = self.shown
+        ends = np.stack([shown.start, shown.goal], 1)
+        return self.judge_answers(network.answers(shown.planes[shown.map_index], ends))
 
     def judge_answers(
         self, probabilities: Float32s, factors: Sequence[float] = FACTORS
     ) -> list[Judgement]:
         """As `judge`, for probabilities (Q, B, B) in the order of `index`."""
 
-        def of_query(at: int, scratch: Scratch) -> list[tuple[float, float, float]]:
-            """Gap (inf if not found), region's share and MM at each factor."""
+        def of_query(at: int, scratch: Scratch) -> list[dict[str, float]]:
+            """The outcome at each factor."""
             workspace, finder = scratch
             optimum, cells = self.optima[at]
             grid, ends = self._query(at)
@@ -110,22 +111,22 @@ class Validator:
                 finder.mark(lowered(threshold, factor), start, goal)
                 region = finder.region(self.lookup)
                 path = astar(grid, *ends, workspace, region=region).path
-                of = of_region(region, cells)
-                found.append((gap(grid.costs_of(path)[0], optimum), of["share"], of["mm"]))
+                found.append(outcome(grid.costs_of(path)[0], optimum, cells, region))
             return found
 
-        rows = np.array(self._in_threads(of_query, range(len(self.index))))
+        rows = self._in_threads(of_query, range(len(self.index)))
         judged = []
-        for factor, (gaps, shares, mms) in zip(factors, rows.transpose(1, 2, 0), strict=True):
-            found = np.isfinite(gaps)
+        for factor, of in zip(factors, zip(*rows, strict=True), strict=True):
+            gaps = [each["gap"] for each in of if each["found"]]
+            scores = [each["gap"] + each["share"] if each["found"] else 1.0 for each in of]
             judged.append(
                 Judgement(
                     factor,
-                    success=float(found.mean()),
-                    gap=float(gaps[found].mean()) if found.any() else np.inf,
-                    region_share=float(shares.mean()),
-                    mm=float(mms.mean()),
-                    score=float(np.where(found, gaps + shares, 1.0).mean()),
+                    success=fmean(each["found"] for each in of),
+                    gap=fmean(gaps) if gaps else math.inf,
+                    region_share=fmean(each["share"] for each in of),
+                    mm=fmean(each["mm"] for each in of),
+                    score=fmean(scores),
                 )
             )
         return judged

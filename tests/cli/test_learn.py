@@ -75,8 +75,8 @@ def test_one_line_leads_from_a_map_to_a_verdict_and_goes_on_where_it_was_stopped
     ]
     assert "--held-out" in lines[1] and "--workload limit30" in lines[0]
     assert "verdict: " in ended.out.splitlines()[-1]
-    assert "yours (nnpp) beside corridor: mean gaps differ by" in ended.out
-    assert "(nnpp) beside nnpp:edge: mean gaps differ by" in ended.out
+    for other in ("corridor", "edge"):
+        assert f"own beside {other}: mean gaps differ by" in ended.out
     stamps = {path: path.stat().st_mtime_ns for path in Path("me").rglob("*.onnx")}
     assert len(stamps) == 2
 
@@ -84,12 +84,7 @@ def test_one_line_leads_from_a_map_to_a_verdict_and_goes_on_where_it_was_stopped
     assert {path: path.stat().st_mtime_ns for path in stamps} == stamps, "made again"
     told = more.json
     assert told["verdict"].startswith(VERDICTS)
-    assert {each["other"] for each in told["beside"]} == {"corridor", "nnpp:edge"}
-    assert list(told["rows"]) == [
-        "astar",
-        "corridor",
-        "nnpp",
-        "nnpp:edge",
-    ]
+    assert {each["other"] for each in told["beside"]} == {"corridor", "edge"}
+    assert list(told["rows"]) == ["astar", "corridor", "own", "edge"]
     assert "queries on a map of 80 × 64 cells" in ended.out
     assert json.loads(Path("me/learn.json").read_text())[0][0] in more.err

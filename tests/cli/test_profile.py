@@ -116,6 +116,7 @@ def test_a_report_in_every_form(run, profile):
     again = run("profile render out/report.json -o again/page.html")
     assert (again.code, again.out) == (0, "again/page.html\n")
     assert Path("again/page.html").read_text() == page
+    assert run("profile render out/report.json -o again").out == "again/report.html\n"
     words = "--junit ci/budgets-2.xml --bmf ci/figures-2.json"
     assert run(f"profile render out/report.json {words}").code == 0
     assert len(list(Path("out").iterdir())) == 4

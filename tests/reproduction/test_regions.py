@@ -1,11 +1,18 @@
 """The network's region by the paper's rule, and its controls."""
 
+from types import SimpleNamespace
+
 import cv2
 import numpy as np
 import pytest
 
+from nnpp_edge.calibrate.quantize import answers
 from nnpp_edge.reproduction.planners import OneMap
 from nnpp_edge.reproduction.regions import BAND, CONTROLS, CORRIDOR, NETWORK
+from nnpp_edge.reproduction.rows import Rows
+from nnpp_edge.runtime.terrain.step_cost import PAPER_OMEGA
+from nnpp_edge.terrain.dataset import Samples
+from nnpp_edge.training.validation import Validator
 from tests.strategies import uniform
 
 QUERY = ((5, 8), (118, 110))
@@ -56,3 +63,27 @@ def test_the_corridor_goes_round_what_the_straight_band_runs_into(tiny_networks)
     assert found.of(BAND).all("found") == [0.0]
     assert np.isnan(found.increase(BAND))
     assert found.increase(CORRIDOR) >= 0.0
+
+
+def test_training_and_the_reproduction_say_the_same_of_the_same_queries(tiny_networks):
+    """The case of a user: `train` and `quantize` each had another share of found queries."""
+    rng = np.random.default_rng(4)
+    side = tiny_networks.paper.metadata.input_size
+    planes = rng.integers(20, 250, (3, 2, side, side), np.uint8)
+    planes[:, 1] = 0
+    ends = rng.integers(0, side, (2, 3, 2)).astype(np.float32)
+    labels = np.zeros((3, 8, 8), np.uint8)
+    samples = Samples(planes, np.arange(3, dtype=np.int32), *ends, labels, labels)
+    model = tiny_networks.paper
+    facts = model.metadata
+    spec = SimpleNamespace(input_size=side, blocks=facts.blocks)
+    validator = Validator(samples, spec, PAPER_OMEGA)
+    (judged,) = validator.judge_answers(answers(model, samples), [facts.region_factor])
+    rows = Rows()
+    for at, (start, goal) in enumerate(ends.swapaxes(0, 1).astype(int).tolist()):
+        cost = planes[at, 0].astype(np.float32) / 255.0
+        here = OneMap(cost, (tuple(start), tuple(goal)), tiny_networks)
+        rows += here.searched({NETWORK: NETWORK})
+    assert rows.mean("found") == judged.success
+    assert rows.mean("mm") == pytest.approx(judged.mm)
+    assert rows.mean("excess") == pytest.approx(judged.gap, abs=1e-6)

@@ -2,6 +2,7 @@
 
 import io
 import json
+import signal
 from concurrent.futures.process import BrokenProcessPool
 
 import msgspec
@@ -10,6 +11,7 @@ import pytest
 
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError
 from nnpp_edge.runtime.terrain.traversability import Traversability
+from nnpp_edge.terrain import dataset
 from nnpp_edge.terrain.dataset import make_dataset, read_recipe, read_samples
 from nnpp_edge.terrain.shards import BARREN_MAPS, Recipe, make_shard, read_terrain, shard_content
 from nnpp_edge.terrain.synthetic import synthetic_terrain
@@ -292,6 +294,15 @@ def test_cells_that_are_not_square_are_judged_by_both_sides(tmp_path):
     np.savez(recipe.terrain[0], elevation_m=cols, cell_size_m=1.0, cell_width_m=10.0)
     planes = make_shard(recipe, read_terrain(recipe), np.random.default_rng(0), 2)["planes"]
     assert planes[:, 1, 2:-2, 2:-2].max() == 0  # a slope of 6°, not of 45°
+
+
+def test_a_process_that_makes_shards_ends_at_once_when_it_is_interrupted():
+    before = signal.getsignal(signal.SIGINT)
+    try:
+        dataset.start_worker(RECIPE, [])
+        assert signal.getsignal(signal.SIGINT) is signal.SIG_DFL
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def test_a_process_that_dies_is_one_line(tmp_path, monkeypatch):

@@ -2,6 +2,7 @@
 
 import os
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -9,16 +10,15 @@ import numpy as np
 import pytest
 import torch
 
-from nnpp_edge.model.network import encode
+from nnpp_edge.model.encoding import encode_ends, encode_gaussians
+from nnpp_edge.model.network import Network
 from nnpp_edge.model.registry import PRESETS, Spec
-from nnpp_edge.runtime.network.model_file import UNSEEN
-from nnpp_edge.runtime.network.unseen import encode_unseen
+from nnpp_edge.runtime.network import encoding as at_run_time
 from nnpp_edge.terrain.dataset import GrowingSet, make_dataset, read_samples
 from nnpp_edge.terrain.known import KnownMaps
 from nnpp_edge.training import train as training
 from nnpp_edge.training.batches import POSITIONS, Batches, turned, turned_ends
 from nnpp_edge.training.checkpoint import TrainSettings, load_checkpoint
-from nnpp_edge.training.encoding import encode_queries, encode_unseen_maps, query_shape
 from tests.training.conftest import RECIPE, SMALL, enlarged
 
 APPEARS = {1: "shard-00001.npz", 4: "shard-00002.npz"}
@@ -43,15 +43,19 @@ def known():
 def batches(request, samples, known):
     """Batches of each architecture, and the settings."""
     settings = TrainSettings(batch=8, seed=4)
-    if request.param == "unseen":
-        return Batches(known, Spec("unseen", 16), settings)
-    if request.param == "nnpp":
-        return Batches(enlarged(samples, 128), PAPERS, settings)
-    return Batches(samples, SMALL, settings)
+    of, spec = {
+        "edge": (samples, SMALL),
+        "nnpp": (enlarged(samples, 128), PAPERS),
+        "unseen": (known, Spec("unseen", 16)),
+    }[request.param]
+    batches = Batches(of, spec, settings)
+    batches.samples = of
+    return batches
 
 
 def alike(one, other):
-    return all(torch.equal(*each) for each in zip(one, other, strict=True))
+    pairs = zip(one, other, strict=True)
+    return all(torch.equal(*map(torch.nan_to_num, each)) for each in pairs)
 
 
 @pytest.mark.parametrize("name", ["edge", "nnpp"])
@@ -59,22 +63,52 @@ def test_queries_are_encoded_as_at_run_time(name):
     spec = PRESETS[name]
     last = spec.input_size - 1
     ends = np.random.default_rng(2).uniform(0, last, (9, 2, 2)).astype(np.float32)
-    found = torch.empty(9, *query_shape(spec))
-    encode_queries(spec, torch.from_numpy(ends), found)
-    for own, (start, goal) in zip(found, ends.tolist(), strict=True):
-        np.testing.assert_allclose(own, encode(spec, start, goal), atol=2e-6)
-
-
-def test_coarse_maps_are_encoded_as_at_run_time(known):
-    sides = (known.factor, known.cell_size_m, known.slope_limit_deg, known.hard_slope_deg)
-    facts = np.stack(sides).astype(np.float32)
-    found = torch.empty(len(known), len(UNSEEN), 16, 16)
-    encode_unseen_maps(torch.from_numpy(known.heights), torch.from_numpy(facts.T), found)
+    if name == "edge":
+        found = encode_ends(spec, torch.from_numpy(ends))
+        encode = at_run_time.encode_ends
+    else:
+        found = torch.empty(9, 2, last + 1, last + 1)
+        encode_gaussians(spec, torch.from_numpy(ends), found)
+        encode = at_run_time.encode_gaussian
     wanted = np.empty(found.shape[1:], np.float32)
-    for at in range(5):
-        factor, side_m = known.blocks(at)
-        encode_unseen(known.heights[at], known.limits(at), (side_m, side_m), factor, wanted)
-        np.testing.assert_allclose(found[at], wanted, atol=2e-5)
+    for own, (start, goal) in zip(found.numpy(), ends.tolist(), strict=True):
+        encode(start, goal, spec.sigma * spec.input_size, wanted)
+        np.testing.assert_allclose(own, wanted, atol=2e-6)
+
+
+def test_coarse_maps_are_turned_as_if_encoded_in_their_position(known):
+    """The rises along rows and columns turn with the map."""
+    batches = Batches(known, Spec("unseen", 16), TrainSettings(batch=40))
+    order = np.arange(len(known))[None]
+    turns = np.sort(np.arange(len(known)) % POSITIONS)
+    maps, _, _ = batches.made(batches.held, order, order > 0, turns)
+    for at, turn in enumerate(turns):
+        heights = turned(torch.from_numpy(known.heights[at]), turn).numpy()
+        wanted = np.empty(maps.shape[1:], np.float32)
+        alone = replace(known.pick(slice(at, at + 1)), heights=heights[None])
+        alone.encode(0, wanted)
+        np.testing.assert_allclose(maps[at], wanted, atol=2e-6)
+
+
+@pytest.mark.parametrize("streamed", [False, True])
+def test_batches_and_what_a_network_is_shown_are_made_on_the_device_that_trains(
+    batches, monkeypatch, streamed
+):
+    """On a device that holds no numbers, and refuses to mix its tensors with a CPU's; `streamed`
+    where it has no room for the maps.
+    """
+    meta = torch.device("meta")
+    pinned = []
+    monkeypatch.setattr(torch.Tensor, "pin_memory", lambda self: pinned.append(self) or self)
+    if streamed:
+        monkeypatch.setattr(Batches, "_placed", lambda _, held: held)
+    elsewhere = Batches(batches.samples, batches.spec, batches.settings, device=meta)
+    maps, facts, targets = next(elsewhere.epoch(0))
+    network = Network(batches.spec).to(meta)
+    answers = network(*network.shown(maps, facts))
+    assert {each.device for each in (maps, facts, targets, answers)} == {meta}
+    assert answers.shape == targets.shape
+    assert bool(pinned) == streamed
 
 
 @pytest.mark.parametrize("turn", range(POSITIONS))
@@ -130,7 +164,7 @@ def planes_of_a_run(monkeypatch, source, judged_on, folder, pauses):
     set_of.mkdir(parents=True)
     shutil.copy(source / "dataset.json", set_of)
     seen = []
-    step = training._Run.step
+    step = training.Run.step
 
     def recorded(run, batch):
         if run.progress.step in APPEARS:
@@ -138,7 +172,7 @@ def planes_of_a_run(monkeypatch, source, judged_on, folder, pauses):
         seen.append(batch[0].clone())
         step(run, batch)
 
-    monkeypatch.setattr(training._Run, "step", recorded)
+    monkeypatch.setattr(training.Run, "step", recorded)
     shutil.copy(source / "shard-00000.npz", set_of)
     for steps in pauses:
         settings = TrainSettings(batch=8, steps=steps, validations=1, warmup_steps=1)

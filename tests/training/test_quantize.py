@@ -5,6 +5,7 @@ import json
 import re
 from collections import Counter
 
+import msgspec
 import numpy as np
 import onnx
 import onnxruntime
@@ -24,6 +25,8 @@ from nnpp_edge.model.network import Network
 from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError, ModelError, OutputError
 from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.terrain.dataset import make_dataset, read_samples
+from nnpp_edge.training.checkpoint import load_checkpoint
 from nnpp_edge.training.validation import Validator
 from tests.training.conftest import RECIPE, SMALL, enlarged
 
@@ -76,6 +79,7 @@ def test_the_report_holds_what_it_promises(made, fp32, convolutions):
     compared = made.compared
     before = compared.fp32_ms
     assert (made.samples, made.excluded, made.quantised) == (24, (), convolutions)
+    assert len(made.held_out_maps) == RECIPE.maps // 4
     assert made.fp32_bytes == fp32.stat().st_size
     assert compared.mean_difference <= compared.max_difference < 0.3
     assert 0.0 < before.warm < 2.0 * before.after_plan
@@ -171,6 +175,20 @@ def test_a_model_agrees_with_itself_and_is_judged_as_the_validator_does(fp32, sa
     assert found.fp32 == found.int8 == judge(answers(model, samples)[validator.index])
 
 
+def test_what_training_and_quantize_say_of_a_network_is_the_same(trained, fp32, tmp_path):
+    """On maps of twice its resolution: they are searched as they are held."""
+    recipe = msgspec.structs.replace(RECIPE, size=128, blocks=32, maps=6, maps_per_shard=6)
+    make_dataset(recipe, tmp_path / "set", workers=1)
+    validator = Validator(read_samples(tmp_path / "set"), SMALL, RECIPE.omega)
+    judged = validator.judge(load_checkpoint(trained.folder / "best.pt").trained())
+    report = quantize(
+        fp32, tmp_path / "set", tmp_path / "int8.onnx", validation=tmp_path / "set", samples=4
+    )
+    said = report.compared.fp32
+    (trained_at,) = (each for each in judged if each.factor == said.factor)
+    assert dataclasses.astuple(said) == pytest.approx(dataclasses.astuple(trained_at), rel=1e-6)
+
+
 @pytest.mark.parametrize(
     ("wrong", "error", "said"),
     [
@@ -205,6 +223,8 @@ def test_the_command_prints_a_table_and_a_recommendation(
     assert ended.code == 0
     left_float = f"left float: the head, {FIRST}, {SECOND}"
     assert f"{convolutions - 2} convolutions in int8, {left_float}" in ended.out
+    assert f"calibrated on 8 queries of {dataset}, compared on" in ended.out
+    assert f"of {dataset}\n" in ended.out
     assert ended.out.splitlines()[-1].startswith(("int8: ", "keep fp32: "))
     for name in (FIRST, SECOND, "encoder.describe/Conv"):
         assert re.search(rf"{name} +float +[\d.]+ %", ended.out), name

@@ -16,10 +16,10 @@ import numpy as np
 import pytest
 import torch
 
-from nnpp_edge.model.network import Network, encode
+from nnpp_edge.model.encoding import encode_ends
+from nnpp_edge.model.network import Network
 from nnpp_edge.model.registry import PRESETS, Spec
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError, ModelError
-from nnpp_edge.runtime.network.model_file import UNSEEN
 from nnpp_edge.terrain.dataset import read_samples
 from nnpp_edge.training.batches import Batches
 from nnpp_edge.training.checkpoint import Checkpoint, Progress, load_checkpoint
@@ -53,13 +53,23 @@ def test_the_loss_falls_and_validation_searches(trained):
     assert not saved.trained().training
 
 
-def test_a_network_is_trained_in_bfloat16_where_that_is_asked_for(samples, tmp_path):
+def test_a_network_is_trained_in_bfloat16_where_that_is_asked_for(samples, tmp_path, monkeypatch):
+    """What it is shown is encoded in float32 all the same."""
+    shown = Network.shown
+    encoded_in_half = set()
+
+    def recorded(*arguments):
+        encoded_in_half.add(torch.is_autocast_enabled("cpu"))
+        return shown(*arguments)
+
+    monkeypatch.setattr(Network, "shown", recorded)
     half, full = (
         run(samples, tmp_path / kind, epochs=10_000, steps=12, precision=kind)
         for kind in ("bfloat16", "float32")
     )
     assert half.facts()["precision"] == "bfloat16"
     assert {values.dtype for values in half.average.values() if values.ndim} == {torch.float32}
+    assert encoded_in_half == {False}
     losses = [saved.progress.history[-1]["loss"] for saved in (half, full)]
     assert losses[0] != losses[1]
     assert losses[0] == pytest.approx(losses[1], rel=0.05)
@@ -234,9 +244,10 @@ def test_batches_turn_map_query_and_target_together(samples):
     batches = Batches(samples, SMALL, TrainSettings(batch=16))
     seen = set()
     for batch in batches.epoch(0):
-        planes, query, target = (each.numpy() for each in batch)
+        planes, ends, target = (each.numpy() for each in batch)
+        query = encode_ends(SMALL, batch[1]).numpy()
         assert planes.shape == (16, 2, 64, 64)
-        assert query.shape == (16, 15, 8, 8)
+        assert ends.shape == (16, 2, 2)
         assert target.shape == (16, 16, 16)
         # the optimal path's ends are where the target is 1 and the sharp encoding peaks
         sharp = query[:, [5, 11]].max(axis=1).repeat(2, axis=1).repeat(2, axis=2)
@@ -344,14 +355,12 @@ def test_only_the_first_process_prints_and_draws(nnpp_edge, dataset, tmp_path, m
 def test_a_preset_can_be_built(name):
     spec = PRESETS[name]
     unseen = spec.encoding == "unseen"
-    query = torch.empty(1, 0)
-    if not unseen:
-        query = torch.from_numpy(encode(spec, (1.0, 2.0), (3.0, 4.0)))[None]
     with torch.device("meta"):
         network = Network(spec).eval()
-        planes = torch.zeros(1, len(UNSEEN) if unseen else 2, spec.input_size, spec.input_size)
+        maps = torch.zeros(1, 12 if unseen else 2, spec.input_size, spec.input_size)
+        facts = torch.zeros(1, 2, 2)
     shape = (3, spec.blocks, spec.blocks) if unseen else (spec.blocks, spec.blocks)
-    assert network(planes, query.to("meta")).shape == (1, *shape)
+    assert network(*network.shown(maps, facts)).shape == (1, *shape)
 
 
 def test_an_architecture_that_does_not_exist_is_refused():
