@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from nnpp_edge.runtime.arrays import UInt8
-from nnpp_edge.runtime.cells import Cell, coarser
+from nnpp_edge.runtime.cells import Cell, coarser, widened
 from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels.corridor import close_dead_ends, surround
@@ -228,6 +228,11 @@ class CoarseToFine:
             region = coarse.around(found, start, radius, band, finer, memory, query.deadline)
             coarse.invest()
             work.stage_ends("coarse")
+        ends = (query.start, query.direction >= 0), (query.goal, query.wanted is not None)
+        for end, has_heading in ends:
+            if region is not None and has_heading:
+                swing = self._state.grid.robot.swing
+                region.add(widened((*end, 1, 1), swing, self._state.shape))
         return region
 
     def find(

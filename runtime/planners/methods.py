@@ -32,6 +32,7 @@ from nnpp_edge.runtime.tuning import (
     NEAR,
     REFINE_FROM,
     UNSEEN_CHANGE,
+    WIDE_SWING,
     WIDENED_ARC_CORRIDOR,
     CorridorWidth,
 )
@@ -293,7 +294,8 @@ class Methods:
             if by_blocks is not None and by_blocks.suffices(query):
                 return by_blocks
         self.state.pyramid_by(query.deadline)
-        if self.arcs is not None and query.wanted is not None:
+        tight = max(self.state.grid.robot.swing) < WIDE_SWING
+        if self.arcs is not None and query.wanted is not None and tight:
             widths = widths or (ARC_CORRIDOR_TO_HEADING, WIDENED_ARC_CORRIDOR)
         corridors = self.descent.corridors(query, work, searcher or self.astar, widths)
         if self.arcs is not None:

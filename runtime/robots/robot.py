@@ -68,6 +68,10 @@ class Robot:
     """Rows and columns from a cell to those that are below the robot on its way from there."""
     shortest = 1.0
     """Length of the shortest way over that by straight and diagonal steps."""
+    swing: Cell = (0, 0)
+    """Rows and columns around an end that a corridor holds, too, where a heading is given there:
+    the robot may have to turn round.
+    """
     readiness = 0.0
     """By how much a robot on its way may have it cheaper than one that sets out from the same cell:
     as it need not turn round, or has the right gear in.

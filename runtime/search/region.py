@@ -3,6 +3,7 @@
 import numpy as np
 
 from nnpp_edge.runtime.arrays import Bool, Int32
+from nnpp_edge.runtime.cells import Rectangle, slices
 from nnpp_edge.runtime.kernels import records
 
 Lookup = tuple[Int32, Int32]
@@ -34,6 +35,12 @@ class Region(records.Region):
         planning).
         """
         return self.blocks()[np.ix_(self.row_block, self.col_block)]
+
+    def add(self, part: Rectangle) -> None:
+        """Add the blocks that hold a rectangle of the map's cells."""
+        rows, cols = slices(part)
+        blocks = np.ix_(self.row_block[rows], self.col_block[cols])
+        self.bitmap[blocks] = self.stamp
 
     def area(self) -> int:
         """Number of the map's cells inside."""

@@ -336,6 +336,18 @@ def test_a_corridor_to_a_goal_with_a_heading_is_hardly_more_work_than_the_whole_
         assert other.expansions <= 1.25 * exact.expansions
 
 
+@pytest.mark.parametrize("headings", ({"start_heading_deg": 270.0}, {"goal_heading_deg": 270.0}))
+def test_a_corridor_has_room_to_turn_round_at_an_end_with_a_heading(headings):
+    """Without it the body went back and forth there, for 7 to 11 % more."""
+    slow_to_reverse = replace(CAR, turning_radius_m=3.0, reverse_cost=3.0, gear_change_m=2.0)
+    made = planner(np.zeros((120, 160)), slow_to_reverse)
+    exact, other = (
+        made.plan((60, 35), (60, 130), method=name, **headings) for name in ("astar", "corridor")
+    )
+    assert other.source is Source.REGION
+    assert other.cost <= 1.002 * exact.cost
+
+
 def test_where_no_arc_leads_out_of_a_dead_end_no_second_region_is_searched():
     dem = np.zeros((80, 120))
     dem[33:48, 70:115] = 3.0
