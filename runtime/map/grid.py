@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Bool, Cells, Float2D, Float32s, Floats, as_map, close_border
 from nnpp_edge.runtime.bands import in_bands
@@ -15,7 +16,7 @@ from nnpp_edge.runtime.kernels.records import CostLimits, Packed
 from nnpp_edge.runtime.kernels.weights import fill_costs, write_costs
 from nnpp_edge.runtime.map.changes import NO_NODES, NO_WEIGHTS, Change
 from nnpp_edge.runtime.map.tiles import COMPLETE, Tiles, rectangle_of
-from nnpp_edge.runtime.memory import virtual_zeros
+from nnpp_edge.runtime.memory import Number, virtual_zeros
 from nnpp_edge.runtime.robots.robot import Robot
 from nnpp_edge.runtime.terrain.step_cost import (
     GREY_LEVELS,
@@ -245,7 +246,7 @@ class Grid:
         self.complete()
         return self.inner(self.weights)
 
-    def inner(self, nodes: Float32s) -> Float2D:
+    def inner(self, nodes: NDArray[Number]) -> NDArray[Number]:
         """(rows, cols) of numbers by node, those of the map's own cells; a view."""
         return nodes.reshape(self.rows + 2, self.stride)[1:-1, 1:-1]
 

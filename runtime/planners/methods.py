@@ -208,9 +208,10 @@ class Methods:
         plan = found.plan(by, work, state, checked_before, choice=why, keep_regions=keep_regions)
         if plan.status is not Status.NO_PATH:
             return plan
-        query.deadline.goes_on()  # why takes long to tell
         self.exhausted = found.search.exhausted or self.astar.workspace
-        ended = robot.why_ended(state.grid, query.start, query.goal, self.exhausted)
+        deadline = query.deadline
+        deadline.goes_on()  # it takes a while to tell why
+        ended = robot.why_ended(state.grid, query.start, query.goal, self.exhausted, deadline)
         return replace(plan, reason=f"{plan.reason}; {ended}") if ended else plan
 
     def ways(self, method: Method, query: Query) -> Sequence[Way]:

@@ -9,10 +9,9 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from nnpp_edge.runtime.arrays import Bool, Cells, Float32s, Floats
 from nnpp_edge.runtime.cells import Cell, Rectangle
+from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.nodes import COL_STEP, ROW_STEP
 from nnpp_edge.runtime.kernels.paths import measure, walk
@@ -249,13 +248,17 @@ class Robot:
         """Why it cannot stand on a cell, where that is known better than by the cell's cost."""
         return ""
 
-    def came_to(self, grid: "Grid", start: Cell, memory: Workspace) -> tuple[Bool, bool]:
+    def came_to(
+        self, grid: "Grid", start: Cell, memory: Workspace, deadline: Deadline = NEVER
+    ) -> tuple[Bool, bool]:
         """Cells (H, W) to which the search came that has just found no path on the whole map, and
         whether from the start; else from the goal.
         """
-        return np.isfinite(grid.inner(memory.costs())), True
+        return grid.inner(memory.reached(deadline)), True
 
-    def why_ended(self, grid: "Grid", start: Cell, goal: Cell, memory: Workspace) -> str:
+    def why_ended(
+        self, grid: "Grid", start: Cell, goal: Cell, memory: Workspace, deadline: Deadline
+    ) -> str:
         """Why the search of the whole map that has just ended got no farther; empty if unknown."""
         return ""
 

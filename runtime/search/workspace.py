@@ -10,7 +10,8 @@ from functools import cached_property
 
 import numpy as np
 
-from nnpp_edge.runtime.arrays import Float32s, Int32, Int64
+from nnpp_edge.runtime.arrays import Bool, Float32s, Int32, Int64
+from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.kernels.nodes import STAMP_SHIFT
 from nnpp_edge.runtime.kernels.open_list import BUCKETS, FINE
 from nnpp_edge.runtime.kernels.records import (
@@ -30,6 +31,8 @@ LAST_STAMP = (1 << (31 - STAMP_SHIFT)) - 1
 """The greatest number of a search; the next one is 1 again, and the memory is cleared."""
 MOST_KEPT = 1 << 23
 """Numbers in the memory that a workspace leaves to the next one; more (32 MiB) is not kept."""
+_AT_ONCE = 1 << 18
+"""Words that are looked at between two readings of the clock."""
 _KEPT: dict[int, tuple[Int32, list[int]]] = {}
 """The memory of the newest workspace of each size, and the number of the last search in it: of four
 sizes at most.
@@ -117,6 +120,17 @@ class Workspace:
         found: Float32s = np.where(
             meta[..., 1] >> STAMP_SHIFT == self.stamp, g[..., 0], np.inf
         ).min(1)
+        return found
+
+    def reached(self, deadline: Deadline = NEVER) -> Bool:
+        """(N,) nodes to which the newest search came, in any state. It pauses as searches do."""
+        words = self.meta[1::2].reshape(-1, self.states)
+        found = np.empty(len(words), np.bool_)
+        step = _AT_ONCE // self.states
+        for first in range(0, len(words), step):
+            part = slice(first, first + step)
+            found[part] = (words[part] >> STAMP_SHIFT == self.stamp).any(1)
+            deadline.goes_on()
         return found
 
     def next_stamp(self) -> int:

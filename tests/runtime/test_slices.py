@@ -307,3 +307,16 @@ def test_ticks_with_a_deadline_work_their_slice_and_those_without_until_the_end(
         navigator.tick(deadline=deadline)
     assert asked == [(True, math.inf), (True, 0.01)]
     assert DynamicMethod.AUTO is navigator.planner.method
+
+
+def test_why_there_is_no_path_is_told_in_slices_too(robot, monkeypatch):
+    dem = walled()
+    dem[58:62] = 5.0
+    at_once = moving(robot, dem).replan()
+    counts = []
+    for words in (1 << 18, 1 << 12):
+        monkeypatch.setattr("nnpp_edge.runtime.search.workspace._AT_ONCE", words)
+        plan, slices = sliced(moving(robot, dem))
+        assert plan.status is Status.NO_PATH and plan.reason == at_once.reason
+        counts.append(slices)
+    assert robot == "point" or counts[1] > counts[0]

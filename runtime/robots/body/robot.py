@@ -7,6 +7,7 @@ import numpy as np
 
 from nnpp_edge.runtime.arrays import Bool, Cells, Float32s, Floats
 from nnpp_edge.runtime.cells import Cell, Rectangle, slices
+from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.lattice import KNIGHT
 from nnpp_edge.runtime.kernels.records import BY_LENGTH, FIXED, Hints, Prices
@@ -175,12 +176,18 @@ class BodyRobot(Robot):
     def why_blocked(self, cell: Cell) -> str:
         return why_blocked(self.poses, cell)
 
-    def came_to(self, grid: "Grid", start: Cell, memory: Workspace) -> tuple[Bool, bool]:
-        costs = grid.inner(memory.costs())
-        return np.isfinite(costs), bool(memory.states > 1 and costs[start] == 0.0)
+    def came_to(
+        self, grid: "Grid", start: Cell, memory: Workspace, deadline: Deadline = NEVER
+    ) -> tuple[Bool, bool]:
+        node = grid.node(*start)
+        begun = memory.costs(slice(node, node + 1))[0] == 0.0
+        reached = grid.inner(memory.reached(deadline))
+        return reached, bool(memory.states > 1 and begun)
 
-    def why_ended(self, grid: "Grid", start: Cell, goal: Cell, memory: Workspace) -> str:
-        reached, from_start = self.came_to(grid, start, memory)
+    def why_ended(
+        self, grid: "Grid", start: Cell, goal: Cell, memory: Workspace, deadline: Deadline
+    ) -> str:
+        reached, from_start = self.came_to(grid, start, memory, deadline)
         end = goal if from_start else start
         by_legs = memory.states == 1
         return why_ended(self.poses, reached, end, by_legs=by_legs, from_goal=not from_start)
