@@ -358,3 +358,10 @@ def test_where_the_way_to_its_start_is_blocked_a_search_begins_anew(robot, detou
     if not plan.ok:
         plan, _ = sliced(planner)
     assert plan.ok and tuple(plan.path[0]) == START and planner.first_blocked(plan.walked) < 0
+
+
+def test_a_search_from_ahead_that_finds_nothing_is_followed_by_one_from_the_robot(robot, detour):
+    planner, _ = detour
+    planner.update_elevation(58, 50, np.full((4, 20), 5.0))
+    plan, _ = sliced(planner)
+    assert plan.status is Status.NO_PATH
