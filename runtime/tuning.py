@@ -141,6 +141,9 @@ is made anew.
 JOIN_AHEAD, JOIN_BEHIND, JOIN_WITHIN = 64, 16, 8
 """States ahead of the robot, and behind what is blocked, at which a new way joins the standing
 path of arcs again; and cells from the path at which a robot may be."""
+BEFORE_BLOCK, MOST_AHEAD = 8, 16
+"""Cells before what blocks the standing path, and ahead of the robot, at which a search that takes
+longer than a slice starts: so far the robot drives meanwhile, and waits there."""
 ON_ARC, ON_ARC_DEG = 1.5, 30.0
 """Distance from an arc's pose, in sides of a cell or at least 0.25 m, and turn up to which a body
 counts as driving along it, the one or the other; or as much of each as leaves of the other. Where

@@ -3,8 +3,8 @@ an answer counts.
 
 1. The standing path, if it is valid and cannot have become worse than the loop's tolerance. 2. The
 method asked for, unless by its last times it would be late. 3. The corridor planner. 4. The
-standing path, if it is valid at all. 5. The standing path as far as it is clear, while a search
-goes on. 6. An outcome that says what failed.
+standing path, if it is valid at all. 5. The standing path as far as where a search started
+that goes on. 6. An outcome that says what failed.
 
 Corridors, and thus ``auto``, are searched for in slices: a search that has not ended after its
 budget goes on in the next tick. So no tick is late by them, however large the map.
@@ -29,8 +29,6 @@ from nnpp_edge.runtime.planners.standing_path import Standing
 _LOG = logging.getLogger(__name__)
 _LEAST_PLANNING_S = 0.002
 """A search gets at least this much time: else a loop that is always late would never plan."""
-_BEFORE_BLOCK = 8
-"""Cells before what blocks the standing path at which a robot stops that follows it meanwhile."""
 _FORGET = 0.9
 """Factor of a method's expected time each time that the method is skipped as too slow: so it is
 tried again.
@@ -164,8 +162,8 @@ class Ladder:
     def _as_far_as_clear(self, tick: Tick) -> PathMessage | None:
         standing = self._planner.standing()
         plan = self._planner.standing_plan
-        end = standing.blocked - _BEFORE_BLOCK
-        if plan is None or not self._planner.searching or end <= standing.index:
+        end = self._planner.searching_from
+        if plan is None or not 0 <= standing.index < end or 0 <= standing.blocked <= end:
             return None
         part = plan.rest(standing.index, end + 1)
         cost, _, _ = self._planner.state.grid.costs_of(part.walked)

@@ -33,7 +33,13 @@ from nnpp_edge.runtime.planners.query import Found, Work
 from nnpp_edge.runtime.planners.slices import InSlices
 from nnpp_edge.runtime.planners.standing_path import Departure, Standing, StandingPath
 from nnpp_edge.runtime.search.astar import Query, Search
-from nnpp_edge.runtime.tuning import AGAIN_EXPANSIONS, JOIN_AHEAD, NEAR
+from nnpp_edge.runtime.tuning import (
+    AGAIN_EXPANSIONS,
+    BEFORE_BLOCK,
+    JOIN_AHEAD,
+    MOST_AHEAD,
+    NEAR,
+)
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.terrain.traversability import Traversability
@@ -41,6 +47,7 @@ if TYPE_CHECKING:
 _JOINED = "a way to the standing path, and on along that"
 _GOES_ON = "the search goes on"
 _CHANGED = "the map changed while it was searched, which begins anew"
+_NOT_FROM_AHEAD = "no way leads on from where the standing path is clear; it is searched from here"
 _CORRIDOR = "a new corridor is faster than repairs"
 
 
@@ -48,7 +55,11 @@ class _UnderWay(NamedTuple):
     """A search that goes on from one call to the next."""
 
     query: Query
-    """As it was when the search began."""
+    """As it was when the search began; there it starts."""
+    ahead: int
+    """Number on the standing path of the place where it starts; -1 where that was the robot's."""
+    new: bool
+    """Whether it is in its first slice, and may begin anew from a place ahead."""
     method: DynamicMethod
     work: Work
     call: InSlices[Plan]
@@ -148,6 +159,8 @@ class DynamicPlanner(OnMap):
 
     _repeated = True
     _under_way: _UnderWay | None = None
+    _looks_ahead = True
+    """Whether searches may start ahead of the robot: not after one that led to nothing."""
 
     def _make(self) -> None:
         """As `OnMap._make`; the standing path stays, but no lower bound of its cost."""
@@ -211,11 +224,19 @@ class DynamicPlanner(OnMap):
         self._goal_heading_deg = heading_deg
         self._path.forget()
         self._stop_searching()
+        self._looks_ahead = True
 
     @property
     def searching(self) -> bool:
         """Whether a search goes on that the next `replan` that `goes_on` takes up."""
         return self._under_way is not None
+
+    @property
+    def searching_from(self) -> int:
+        """Number on the standing path of the place, ahead of the robot, from which a search goes
+        on: so far it may drive. -1 without one.
+        """
+        return -1 if self._under_way is None else self._under_way.ahead
 
     def _stop_searching(self) -> None:
         if self._under_way is not None:
@@ -305,8 +326,9 @@ class DynamicPlanner(OnMap):
 
         With `goes_on` a search that has no time left is kept, and the next call by the same method
         goes on with it, however the map and the start have changed: TIMEOUT until its path, from
-        the robot's cell, can be walked on the map as it is then. Of ground that is known coarsely
-        it begins anew.
+        the robot's cell, can be walked on the map as it is then. After its first slice it begins
+        anew from a place ahead on the standing path, see `searching_from`. Of ground that is known
+        coarsely each call searches anew.
 
         Raises
         ------
@@ -330,6 +352,7 @@ class DynamicPlanner(OnMap):
             plan = self._planned(query, Work(), wanted, keep_regions)
         if plan.ok:
             self._path.set(plan)
+            self._looks_ahead = True
         return self._freed(plan, deadline=query.deadline) if self._refines else plan
 
     def _planned(self, query: Query, work: Work, wanted: DynamicMethod, keep_regions: bool) -> Plan:
@@ -342,26 +365,29 @@ class DynamicPlanner(OnMap):
     def _in_slices(self, query: Query, wanted: DynamicMethod, keep_regions: bool) -> Plan:
         """A plan by a search that goes on from call to call; TIMEOUT while it does."""
         under_way = self._under_way
+        if under_way is not None and under_way.ahead >= 0:
+            standing = self._path.check(query.start, query.direction)
+            if standing.index < 0 or 0 <= standing.blocked <= under_way.ahead:
+                under_way = None  # the robot cannot come to where the search started
         if under_way is None or under_way.method is not wanted:
-            self._stop_searching()
-            work = Work()
-
-            def search(slices: Deadline) -> Plan:
-                in_slices = query._replace(deadline=slices)
-                return self._planned(in_slices, work, wanted, keep_regions)
-
-            changes = self._state.log.reader()
-            under_way = _UnderWay(query, wanted, work, InSlices(search), changes)
-            self._under_way = under_way
+            under_way = self._begun(query, -1, wanted, keep_regions)
         under_way.work.resumes()
         plan = under_way.call.work(query.deadline)
         if plan is None:
             under_way.work.pauses()
+            ahead = self._place_ahead(query) if under_way.new else None
+            self._under_way = under_way._replace(new=False)
+            if ahead is not None:
+                # it takes long: so that the robot may drive on meanwhile, from where it will be
+                self._begun(*ahead, wanted, keep_regions)
             return self._nothing_yet(under_way, _GOES_ON)
         self._under_way = None
         changed = under_way.changes.read()
         before = under_way.query
         moved = (before.start, before.direction) != (query.start, query.direction)
+        if not plan.ok and under_way.ahead >= 0:
+            self._looks_ahead = False
+            return self._nothing_yet(under_way, _NOT_FROM_AHEAD)
         if not plan.ok:
             # where cells have only become impassable, there is no path all the more
             opened = any(change.cheaper for change in changed)
@@ -370,10 +396,54 @@ class DynamicPlanner(OnMap):
             return plan
         return self._from_here(plan, query, under_way) or self._nothing_yet(under_way, _CHANGED)
 
+    def _begun(
+        self, query: Query, ahead: int, wanted: DynamicMethod, keep_regions: bool
+    ) -> _UnderWay:
+        """A search that begins, in place of one that is under way."""
+        self._stop_searching()
+        work = Work()
+
+        def search(slices: Deadline) -> Plan:
+            in_slices = query._replace(deadline=slices)
+            return self._planned(in_slices, work, wanted, keep_regions)
+
+        changes = self._state.log.reader()
+        new = self._looks_ahead and ahead < 0
+        call = InSlices(search)
+        self._under_way = _UnderWay(query, ahead, new, wanted, work, call, changes)
+        return self._under_way
+
+    def _place_ahead(self, query: Query) -> tuple[Query, int] | None:
+        """Where the robot can be soon, following what is clear of the standing path: the query
+        from there, and the number of that place; None without one.
+        """
+        standing = self._path.check(query.start, query.direction)
+        plan = self._path.plan
+        if plan is None or standing.index < 0:
+            return None
+        clear = len(plan.path) - 1 if standing.valid else standing.blocked - BEFORE_BLOCK
+        at = min(standing.index + MOST_AHEAD, clear)
+        if at <= standing.index:
+            return None
+        row, col = plan.path[at].tolist()
+        # a body comes to a cell as it left the one before; on arcs its state is known
+        heading = plan.headings_deg[at - 1 if plan.states is None else at]
+        direction = self._state.grid.robot.direction(float(heading))
+        return query._replace(start=(row, col), direction=direction), at
+
     def _from_here(self, plan: Plan, query: Query, under_way: _UnderWay) -> Plan | None:
         """A plan that was searched for while the map and the robot's place changed, from there on
         the map as it is; None where it cannot be driven.
         """
+        before = self._path.plan
+        standing = self._path.check(query.start, query.direction)
+        work = under_way.work
+        if before is not None and 0 <= standing.index <= under_way.ahead:
+            # the standing path as far as where the search started, and on along the new one
+            way = before.walked[standing.index : under_way.ahead]
+            path = np.concatenate((way, plan.walked))
+            bound = self._state.grid.least_cost(query.start, query.goal)
+            return self._driven(Search(Status.OK, path, 0, bound), work)
         try:
             self._path.set(replace(plan, lower_bound=0.0))
         except InvalidQueryError:
@@ -384,16 +454,19 @@ class DynamicPlanner(OnMap):
             known = replace(rest, cost=standing.cost, lower_bound=standing.lower_bound)
             return known.over(self._state)
         # the robot has gone on beside it meanwhile: a way there, which is short
-        work = under_way.work
-        arcs = self._methods.arcs is not None
-        found = self._rejoined(query, work) if arcs else self._joined(query, work)
-        if found is None:
-            return None
-        joined = found.plan(DynamicMethod.CORRIDOR, work, self._state, choice=_JOINED)
-        blocked = self._state.grid.walk(joined.walked, 0, np.empty(len(joined.path)))
-        return joined if joined.ok and blocked < 0 else None
+        if self._methods.arcs is None:
+            return self._joined(query, work)
+        found = self._rejoined(query, work)
+        return None if found is None else self._driven(found.search, work)
 
-    def _joined(self, query: Query, work: Work) -> Found | None:
+    def _driven(self, search: Search, work: Work) -> Plan | None:
+        """The plan of a path that joins another; None where it cannot be driven."""
+        if self._state.grid.walk(search.path, 0, np.empty(len(search.path))) >= 0:
+            return None
+        found = Found.of(self._state.grid, search, Source.STANDING, None, work)
+        return found.plan(DynamicMethod.CORRIDOR, work, self._state, choice=_JOINED)
+
+    def _joined(self, query: Query, work: Work) -> Plan | None:
         """A way to a place ahead on the standing path, and on along that; None where there is none
         soon.
         """
@@ -408,8 +481,7 @@ class DynamicPlanner(OnMap):
         if way.status is not Status.OK:
             return None
         path = np.concatenate((way.path, rest.states[ahead + 1 :]))
-        whole = Search(Status.OK, path, 0, rest.bound)
-        return Found.of(self._state.grid, whole, Source.STANDING, None, work)
+        return self._driven(Search(Status.OK, path, 0, rest.bound), work)
 
     def _nothing_yet(self, under_way: _UnderWay, reason: str) -> Plan:
         """No plan, as a search has not ended, or in vain."""

@@ -320,3 +320,48 @@ def test_why_there_is_no_path_is_told_in_slices_too(robot, monkeypatch):
         assert plan.status is Status.NO_PATH and plan.reason == at_once.reason
         counts.append(slices)
     assert robot == "point" or counts[1] > counts[0]
+
+
+@pytest.fixture
+def detour(robot):
+    """A planner whose standing path is blocked far ahead, and whose search for another goes on from
+    a place on it; and that path's plan.
+    """
+    dem = walled()
+    planner = moving(robot, dem)
+    first = planner.replan()
+    planner.update_elevation(58, 57, np.full((4, 13), 5.0))
+    for _ in range(2):
+        planner.replan(time_limit_s=0.0, goes_on=True)
+    return planner, first
+
+
+def test_a_long_search_starts_ahead_of_the_robot_and_its_path_leads_there_first(robot, detour):
+    planner, first = detour
+    ahead = planner.searching_from
+    assert ahead == 16
+    planner.move(tuple(first.path[3].tolist()), float(first.headings_deg[3]))
+    plan, _ = sliced(planner)
+    assert plan.ok and np.array_equal(plan.walked[: ahead - 3], first.walked[3:ahead])
+    assert planner.first_blocked(plan.walked) < 0 and tuple(plan.path[-1]) == GOAL
+    walked = np.empty(len(plan.path))
+    planner.state.grid.walk(plan.walked, 0, walked)
+    assert plan.cost == pytest.approx(walked[-1], rel=1e-6) and planner.standing().valid
+
+
+def test_where_the_way_to_its_start_is_blocked_a_search_begins_anew(robot, detour):
+    planner, first = detour
+    row, col = first.path[10].tolist()
+    planner.update_elevation(row - 1, col - 1, np.full((3, 3), 5.0))
+    plan = planner.replan(time_limit_s=0.0, goes_on=True)
+    assert planner.searching_from < 10
+    if not plan.ok:
+        plan, _ = sliced(planner)
+    assert plan.ok and tuple(plan.path[0]) == START and planner.first_blocked(plan.walked) < 0
+
+
+def test_a_search_from_ahead_that_finds_nothing_is_followed_by_one_from_the_robot(robot, detour):
+    planner, _ = detour
+    planner.update_elevation(58, 50, np.full((4, 20), 5.0))
+    plan, _ = sliced(planner)
+    assert plan.status is Status.NO_PATH
