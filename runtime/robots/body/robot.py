@@ -25,6 +25,7 @@ from nnpp_edge.runtime.tuning import (
     BODY_CORRIDOR,
     BODY_WEIGHT,
     MOST_ARC_CORRECTIONS,
+    MOST_SWING,
     MOST_CORRECTIONS,
     SWING,
     WIDENED_ARC_CORRIDOR,
@@ -202,7 +203,7 @@ class ArcRobot(BodyRobot):
         super().__init__(poses)
         radius_m = poses.vehicle.turning_radius_m
         if poses.vehicle.reverse_cost is not None and radius_m is not None:
-            down, right = (int(SWING * radius_m / side) for side in poses.sides_m)
+            down, right = (int(min(SWING * radius_m / side, MOST_SWING)) for side in poses.sides_m)
             self.swing = down, right
         self.readiness = poses.vehicle.gear_change_m / poses.sides_m[0]
 
