@@ -25,8 +25,8 @@ from nnpp_edge.runtime.tuning import (
     BODY_CORRIDOR,
     BODY_WEIGHT,
     MOST_ARC_CORRECTIONS,
-    MOST_SWING,
     MOST_CORRECTIONS,
+    MOST_SWING,
     SWING,
     WIDENED_ARC_CORRIDOR,
     WIDENED_BODY_CORRIDOR,
@@ -201,9 +201,9 @@ class ArcRobot(BodyRobot):
 
     def __init__(self, poses: Poses) -> None:
         super().__init__(poses)
-        radius_m = poses.vehicle.turning_radius_m
-        if poses.vehicle.reverse_cost is not None and radius_m is not None:
-            down, right = (int(min(SWING * radius_m / side, MOST_SWING)) for side in poses.sides_m)
+        if poses.vehicle.reverse_cost:
+            swing_m = SWING * (poses.vehicle.turning_radius_m or 0.0)
+            down, right = (min(int(swing_m / side), MOST_SWING) for side in poses.sides_m)
             self.swing = down, right
         self.readiness = poses.vehicle.gear_change_m / poses.sides_m[0]
 
