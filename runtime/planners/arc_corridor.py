@@ -113,7 +113,7 @@ class ArcCorridor:
                 continue
             if found.search.status is not Status.OK:
                 return doubted or found
-            if doubted is None and _doubtful(found):
+            if not doubted and _doubtful(found):
                 doubted = found
                 continue
             if found.region is not None:
