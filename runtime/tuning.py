@@ -183,7 +183,7 @@ this 12 of 519 queries took more than 1.5 times the expansions of exact search, 
 MOST_ABOVE_FIELD = 1.3
 """A path of arcs that costs more times what the legs of its region promised is looked for in a
 wider one, too. With 1.45 paths of a radius of 16 cells (256²) lay 0.52 % above the optimum (p95
-2.2), with 1.35 0.32 (1.0) for 1.03 times the time, with a radius of 8 cells 0.20 and 0.15 %.
+2.2), with 1.35 0.32 (1.0) for 1.05 times the time, with a radius of 8 cells 0.20 and 0.15 %.
 """
 MOST_CORRECTIONS, MOST_ARC_CORRECTIONS = 3, 9
 """How many times a vehicle's region is searched, links corrected in between, before a
