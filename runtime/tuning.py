@@ -117,10 +117,11 @@ TURNS_IN_FIELD = 0.7
 """Share of what turns cost that the field of a body's region counts: with 1 paths lie 2.1 %
 above the optimum (1.1 % among rocks) in place of 1.1 (0.3); with 0.5 0.4 (0.3) %, for four times
 the states of the last search among rocks."""
-ARC_TURNS_IN_FIELD = ((256, 0.35), (600, 0.5), (math.inf, 0.7))
+ARC_TURNS_IN_FIELD = ((128, 0.35), (256, 0.5), (math.inf, 0.7))
 """That of a body that drives arcs, which cost less than turns on the spot do, up to so many cells
 from start to goal: among many small rocks (256², ends across the map) paths lie 0.7 % above the
-optimum in place of 1.9, with 0.5 1.3. From far the states of the last search grow too many."""
+optimum in place of 1.9, with 0.5 1.3. From far the states of the last search grow too many: 0.35 up
+to 256 cells and 0.5 up to 600 cost a tenth more time at 512² (radius 4 m)."""
 CHECKED_FROM, CHECKED_SHARE = 16384, 0.125
 """Expansions of a body's search from which on another one, from the goal, finds out whether any
 way leads there, and how many of its own it may take for each: a goal that no arc leads to took 1.28
@@ -171,19 +172,21 @@ WIDENED_ARC_CORRIDOR = CorridorWidth(12, 0.1, nearby=6.0, coarse_radius=0, coars
 """Where the first held no path of arcs, or a doubtful one. With a radius of 4 quarters, less room
 at a start than in the first, the whole map was searched for 10 of 148 queries on a crater's rim,
 not for 4."""
-SWING = 3.0
-"""Turning radii around an end with a heading that corridors hold for arcs, too: with a radius of 16
-cells (256²) paths lie 0.14 % above the optimum (p95 1.0) in place of 0.48 (3.8) for 1.09 times the
-time, with 2 radii 0.36 (2.5), with 4 0.09 (0.5) and 1.13 times. Not for bodies that only go
-forwards: they turned there, 1.44 % (9.1) above the optimum, where links were corrected, 0.23 (1.0).
+SWING, MOST_SWING = 3.0, 32
+"""Turning radii around an end with a heading that corridors hold for arcs, too, and cells at most.
+With a radius of 8 cells 2 in place of 3 came to 1.03 % above the optimum at p95, not 0.82; with 16
+cells, where 3 held 0.26 % in the mean and 2 0.34 (512²), first plans took 1.48 and 1.37 times the
+older median. Not for bodies that only go forwards: they turned there, 1.44 % (9.1) above the
+optimum, where links were corrected, 0.23 (1.0).
 """
 MOST_IN_VAIN = 0.5
 """Expansions of a region without a path of arcs, by the square of the cells from start to goal,
 from which on the whole map is searched at once: the wider region seldom held a path then. Without
 this 12 of 519 queries took more than 1.5 times the expansions of exact search, with it 4."""
-MOST_ABOVE_FIELD = 1.45
+MOST_ABOVE_FIELD = 1.3
 """A path of arcs that costs more times what the legs of its region promised is looked for in a
-wider one, too.
+wider one, too. With 1.45 paths of a radius of 16 cells (256²) lay 0.52 % above the optimum (p95
+2.2), with 1.35 0.32 (1.0) for 1.05 times the time, with a radius of 8 cells 0.20 and 0.15 %.
 """
 MOST_CORRECTIONS, MOST_ARC_CORRECTIONS = 3, 9
 """How many times a vehicle's region is searched, links corrected in between, before a

@@ -106,13 +106,14 @@ class ArcCorridor:
         doubted: Found | None = None
         for found in corridors:
             if not found.suffices(query):
-                in_vain = found.search.status is Status.NO_PATH
-                if in_vain and found.search.expansions > MOST_IN_VAIN * query.apart**2:
+                if found.search.status is Status.NO_PATH and (
+                    found.search.expansions > MOST_IN_VAIN * query.apart**2
+                ):
                     break  # a wider corridor would take as long as the whole map
                 continue
             if found.search.status is not Status.OK:
                 return doubted or found
-            if doubted is None and _doubtful(found):
+            if not doubted and _doubtful(found):
                 doubted = found
                 continue
             if found.region is not None:

@@ -27,6 +27,7 @@ from nnpp_edge.runtime.tuning import (
     BODY_WEIGHT,
     MOST_ARC_CORRECTIONS,
     MOST_CORRECTIONS,
+    MOST_SWING,
     SWING,
     WIDENED_ARC_CORRIDOR,
     WIDENED_BODY_CORRIDOR,
@@ -207,9 +208,9 @@ class ArcRobot(BodyRobot):
 
     def __init__(self, poses: Poses) -> None:
         super().__init__(poses)
-        radius_m = poses.vehicle.turning_radius_m
-        if poses.vehicle.reverse_cost is not None and radius_m is not None:
-            down, right = (int(SWING * radius_m / side) for side in poses.sides_m)
+        if poses.vehicle.reverse_cost:
+            swing_m = SWING * (poses.vehicle.turning_radius_m or 0.0)
+            down, right = (min(int(swing_m / side), MOST_SWING) for side in poses.sides_m)
             self.swing = down, right
         self.readiness = poses.vehicle.gear_change_m / poses.sides_m[0]
 
