@@ -18,8 +18,10 @@ from nnpp_edge.runtime import (
     Goal,
     Ground,
     MapPatch,
+    Method,
     Navigator,
     Origin,
+    Plan,
     Pose,
     Status,
     Vehicle,
@@ -365,3 +367,14 @@ def test_a_search_from_ahead_that_finds_nothing_is_followed_by_one_from_the_robo
     planner.update_elevation(58, 50, np.full((4, 20), 5.0))
     plan, _ = sliced(planner)
     assert plan.status is Status.NO_PATH
+
+
+def test_a_tick_gives_a_search_one_slice_also_where_its_path_was_blocked_meanwhile(robot):
+    asked = []
+    navigator = Navigator(Ground.of_elevation(np.zeros(SHAPE), CELL_M, vehicle=ROBOTS[robot]))
+    nothing = Plan(Status.TIMEOUT, Method.AUTO)
+    navigator.planner.replan = lambda **options: asked.append(options) or nothing
+    navigator.offer(Goal(*GOAL))
+    navigator.offer(Pose(12.5, 12.5, heading_deg=100.0))
+    assert navigator.tick(deadline=1e12).outcome is Status.TIMEOUT
+    assert len(asked) == 1 and not navigator.planner.searching
