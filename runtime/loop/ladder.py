@@ -143,7 +143,7 @@ class Ladder:
         return self._planned(tick, Origin.FULL)
 
     def _planned_by_corridor(self, tick: Tick) -> PathMessage | None:
-        if self._in_slices and tick.failures[-1].kind != "raised":
+        if self._in_slices and tick.failures[-1].kind == "timeout":
             return None  # it has just had its slice
         if tick.standing is not None and tick.left_s <= 0.0:
             return None  # the standing path takes no time
