@@ -369,8 +369,9 @@ class DynamicPlanner(OnMap):
             standing = self._path.check(query.start, query.direction)
             if standing.index < 0 or 0 <= standing.blocked <= under_way.ahead:
                 under_way = None  # the robot cannot come to where the search started
-        if under_way is None or under_way.method is not wanted:
+        if under_way is None or under_way.method is not wanted or not under_way.call.is_here:
             under_way = self._begun(query, -1, wanted, keep_regions)
+        self._under_way = None  # for good, if it raises
         under_way.work.resumes()
         plan = under_way.call.work(query.deadline)
         if plan is None:
@@ -381,7 +382,6 @@ class DynamicPlanner(OnMap):
                 # it takes long: so that the robot may drive on meanwhile, from where it will be
                 self._begun(*ahead, wanted, keep_regions)
             return self._nothing_yet(under_way, _GOES_ON)
-        self._under_way = None
         changed = under_way.changes.read()
         before = under_way.query
         moved = (before.start, before.direction) != (query.start, query.direction)

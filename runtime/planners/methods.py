@@ -31,6 +31,7 @@ from nnpp_edge.runtime.tuning import (
     LEARNED_CORRIDOR,
     NEAR,
     REFINE_FROM,
+    SPARSE_FROM,
     UNSEEN_CHANGE,
     WIDE_SWING,
     WIDENED_ARC_CORRIDOR,
@@ -190,7 +191,7 @@ class Methods:
         if problem := problem_with(state.grid, query.start, query.goal):
             return Plan(problem, wanted.base, planner=wanted, reason=told(problem, query, robot))
         checked_before = state.checked
-        large = max(state.shape) >= LARGE_MAP and not wanted.whole_map
+        large = state.grid.cells * robot.states_a_node > SPARSE_FROM and not wanted.whole_map
         try:
             with small_pages() if large or state.unseen is not None else nullcontext():
                 for by, why, find in ways:

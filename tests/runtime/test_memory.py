@@ -28,7 +28,6 @@ from nnpp_edge.runtime.memory import (
 )
 from nnpp_edge.runtime.planners import methods
 from nnpp_edge.runtime.terrain.step_cost import StepModel
-from nnpp_edge.runtime.tuning import LARGE_MAP
 
 
 def test_memory_is_there_values_stay_and_what_may_not_be_written_is_left_alone():
@@ -153,10 +152,11 @@ def test_a_corridor_of_a_large_map_has_small_pages(monkeypatch):
         yield
 
     monkeypatch.setattr(methods, "small_pages", noted)
+    monkeypatch.setattr(methods, "SPARSE_FROM", 16 * 1000)
     for cols, method, expected in (
-        (LARGE_MAP, "corridor", 1),
-        (LARGE_MAP, "astar", 0),
-        (LARGE_MAP // 2, "corridor", 0),
+        (1001, "corridor", 1),
+        (1001, "astar", 0),
+        (1000, "corridor", 0),
     ):
         begun.clear()
         plan = Planner(np.zeros((16, cols), np.float32)).plan((2, 2), (9, 99), method=method)

@@ -8,6 +8,7 @@ import copy
 import itertools
 import math
 import os
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -26,6 +27,7 @@ from nnpp_edge.runtime import (
     Status,
     Vehicle,
 )
+from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseLevel
 from nnpp_edge.runtime.planners.dynamic import DynamicMethod
 from tests.pose_oracles import rocks
@@ -378,3 +380,29 @@ def test_a_tick_gives_a_search_one_slice_also_where_its_path_was_blocked_meanwhi
     navigator.offer(Pose(12.5, 12.5, heading_deg=100.0))
     assert navigator.tick(deadline=1e12).outcome is Status.TIMEOUT
     assert len(asked) == 1 and not navigator.planner.searching
+
+
+def test_another_thread_begins_a_search_anew(robot):
+    planner = moving(robot, rocks(5, *SHAPE, 0.004))
+    planner.replan(time_limit_s=0.0, goes_on=True)
+    assert planner.searching
+    with ThreadPoolExecutor(1) as other:
+        plan = other.submit(planner.replan, goes_on=True).result()
+    assert plan.ok and not planner.searching
+
+
+def test_a_search_that_raised_is_over(robot):
+    planner = moving(robot, np.zeros(SHAPE))
+    raised = []
+
+    def broken(*given, **options):
+        raised.append(1)
+        raise ModelError("no such network")
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("nnpp_edge.runtime.planners.methods.Methods.plan", broken)
+        for _ in range(2):
+            with pytest.raises(ModelError, match="no such network"):
+                planner.replan(time_limit_s=0.0, goes_on=True)
+    assert len(raised) == 2 and not planner.searching
+    assert sliced(planner)[0].ok
