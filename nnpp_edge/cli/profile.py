@@ -70,7 +70,9 @@ def compare_command(
 def render_command(
     report: Annotated[Path, options.PATH],
     /,
-    output: Annotated[Path | None, "-o", options.PATH, "The page's file, or its folder."] = None,
+    output: Annotated[
+        Path | None, "-o", options.NEW_PATH, "The page's file, or its folder."
+    ] = None,
     bmf: _Bmf = None,
     junit: _Junit = None,
 ) -> None:

@@ -221,11 +221,12 @@ def _draw_value(rng, kind, used):
 
 def _path(rng, kind, used):
     """A name of a file or folder: to be read or, where the option says so, written."""
-    if kind is options.NEW_FILE or (kind is options.FOLDER and rng.random() < 0.5):
+    written = kind in (options.NEW_FILE, options.NEW_PATH)
+    if written or (kind is options.FOLDER and rng.random() < 0.5):
         inputs = [word.removeprefix("replay:") for word in used if "in/" in word]
         new = rng.choice(("out/new", "out/a/b/new", "new")) + rng.choice(_ENDINGS)
         odd = rng.choice(_ODD_OUTPUTS)
-        an_input = rng.choice(inputs) if inputs and kind is options.NEW_FILE else new
+        an_input = rng.choice(inputs) if inputs and written else new
         return rng.choice((an_input, odd, odd, new, new))
     return rng.choice(_INPUTS if rng.random() < 0.5 else _ODD_INPUTS)
 
