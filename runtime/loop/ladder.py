@@ -3,11 +3,11 @@ an answer counts.
 
 1. The standing path, if it is valid and cannot have become worse than the loop's tolerance. 2. The
 method asked for, unless by its last times it would be late. 3. The corridor planner. 4. The
-standing path, if it is valid at all. 5. The standing path as far as where a search started
-that goes on. 6. An outcome that says what failed.
+standing path, if it is valid at all. 5. A part of the standing path, up to the place from which
+a search goes on. 6. An outcome that says what failed.
 
 Corridors, and thus ``auto``, are searched for in slices: a search that has not ended after its
-budget goes on in the next tick. So no tick is late by them, however large the map.
+slice goes on in the next tick. So no tick is late by them, however large the map.
 
 Every path is checked cell by cell before it is published, on a map that has all patches that came
 before the check.
