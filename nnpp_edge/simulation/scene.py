@@ -119,8 +119,8 @@ class SimulationSettings:
     method: str = "auto"
     model: str = "edge"
     rate_hz: float | None = None
-    """Ticks a second; None for as fast as possible, each with a tenth of a second for its
-    answer.
+    """Ticks a second, as on a robot. None for as fast as possible, without deadlines: the drive
+    depends on the seed alone, and answers that take over a tenth of a second are counted as late.
     """
     ticks: int = 5000
     """The drive ends after so many, at the goal or not."""

@@ -33,7 +33,7 @@ from nnpp_edge.terrain.labels import random_query
 
 _COUNTED = ("ticks", "planned", "kept", "failed", "degraded", "errors", "drops", "overruns")
 PERIOD_S = 0.1
-"""Time that a tick has for its answer where no rate is given."""
+"""Answers that take longer are late where no rate is given."""
 _TRIES = 50
 _PATIENCE = 50
 """Ticks without a step after which a robot that drives on and on gets another goal."""

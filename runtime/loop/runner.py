@@ -51,9 +51,10 @@ class Loop:
         Run the loop's thread under SCHED_FIFO with this priority, 1 to 99; 0 for the usual
         scheduler. If the system does not allow it, a warning is logged.
     paced : bool
-        Whether a tick waits for the deadline of the one before. Else it begins at once, reads all
-        that the source has, then has a whole period to itself, and waits for sinks that are too
-        slow, so that no answer is lost: for replays at full speed.
+        Whether a tick has a deadline, for which the next one waits. Else a tick begins at once,
+        reads all that the source has, takes the time that it needs, and waits for sinks that are
+        too slow. So no answer is lost, and answers depend on the inputs alone: for replays at full
+        speed.
     after_tick : callable
         Called with each answer, in the loop's thread, once the tick's work is done: for what must
         stop when the planning stops, such as a watchdog. It must not wait. If it raises, that is
@@ -179,9 +180,7 @@ class Loop:
     def _tick(self) -> PathMessage:
         began = time.monotonic()
         self._read_inputs(began)
-        if not self._paced:
-            self._ticker.start()
-        message = self.navigator.tick(self._ticker.deadline)
+        message = self.navigator.tick(self._ticker.deadline if self._paced else math.inf)
         self._publish(message)
         self.tick_s = time.monotonic() - began
         self._histogram.add(self.tick_s)
