@@ -259,7 +259,9 @@ def test_arcs_join_keep_the_radius_and_break_no_limit_between_the_cells(vehicle)
                 "goal_heading_deg": 170.0,
                 "goal_tolerance_deg": 30.0,
             }
-            plan = planner(dem, vehicle).plan((10, 10), (50, 52 - seed % 40), method=method, **options)
+            plan = planner(dem, vehicle).plan(
+                (10, 10), (50, 52 - seed % 40), method=method, **options
+            )
             if not plan.ok:
                 continue
             places, headings = driven(plan)
