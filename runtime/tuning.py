@@ -117,11 +117,12 @@ TURNS_IN_FIELD = 0.7
 """Share of what turns cost that the field of a body's region counts: with 1 paths lie 2.1 %
 above the optimum (1.1 % among rocks) in place of 1.1 (0.3); with 0.5 0.4 (0.3) %, for four times
 the states of the last search among rocks."""
-ARC_TURNS_IN_FIELD = ((128, 0.35), (256, 0.5), (math.inf, 0.7))
+ARC_TURNS_IN_FIELD = ((1800.0, 0.35), (4096.0, 0.5), (math.inf, 0.7))
 """That of a body that drives arcs, which cost less than turns on the spot do, up to so many cells
-from start to goal: among many small rocks (256², ends across the map) paths lie 0.7 % above the
-optimum in place of 1.9, with 0.5 1.3. From far the states of the last search grow too many: 0.35 up
-to 256 cells and 0.5 up to 600 cost a tenth more time at 512² (radius 4 m)."""
+from start to goal times cells of its turning radius. Among many small rocks (256², ends across the
+map, radius 8 cells) paths lie 0.7 % above the optimum in place of 1.9, with 0.5 1.1. From far, and
+with large arcs, the states of the last search grow too many: at 512² 0.35 up to 256 cells and 0.5
+up to 600 cost a tenth more time with a radius of 16 cells."""
 CHECKED_FROM, CHECKED_SHARE = 16384, 0.125
 """Expansions of a body's search from which on another one, from the goal, finds out whether any
 way leads there, and how many of its own it may take for each: a goal that no arc leads to took 1.28
@@ -158,16 +159,19 @@ IN_VAIN = 16
 """Plans to a goal to which no corridor had a path of arcs that are made on the whole map at
 once: the corridors took more of a loop's time than that search (90 to 540 ms for 24 to 155),
 tick after tick."""
-ARC_CORRIDOR = CorridorWidth(6, 0.05, nearby=4.0, coarse_radius=0, coarse_band=0.0)
+ARC_CORRIDOR = CorridorWidth(6, 0.03, nearby=4.5, coarse_radius=0, coarse_band=0.0)
 """For a vehicle that drives arcs, which swing out. With a radius of 2 quarters paths of a radius
-of 2.7 bodies are 0.2 % dearer and 20 of 60 corridors are widened, not 12. With a band of 0.04 and
-2.5 nearby paths lie 0.7 % above the optimum (p95 5.5), not 0.2 (0.35), for 5 % less time; with 0.06
-a first plan at 512² (radius 4 m) took 1.6 times as long as with 0.04, so 1.35 to 1.45 times."""
-ARC_CORRIDOR_TO_HEADING, WIDE_SWING = CorridorWidth(6, 0.04, 2.5, 0, 0.0), 24
-"""To a goal with a heading, and cells of `SWING` below which it holds: with a radius of 3 cells, as
-wide as to other goals, it took 1.30 times the expansions of exact search to find that there is no
-path, so 1.24; with 8 and 16 cells paths lay 0.9 % above the optimum (p95 5.5), as wide 0.3 to 0.5
-(2.0 to 2.6) for as much time."""
+of 2.7 bodies are 0.2 % dearer and 20 of 60 corridors are widened, not 12. Room counts where the way
+is short, and the band costs time where it is long: at 512² (radius 8 cells) paths lie 0.24 % above
+the optimum (p95 0.4), with a band of 0.05 and 4 nearby 0.6 (2.8), with 0.02 and 3 0.7 (2.6)."""
+ROOMY_ARC_CORRIDOR = CorridorWidth(6, 0.04, nearby=6.0, coarse_radius=0, coarse_band=0.0)
+"""To a goal with a heading, and for a body that only goes forwards: paths lie 0.13 and 0.33 % above
+the optimum to a heading (p95 0.5 and 1.4; radius 8 and 16 cells), as narrow as others 0.3 and 0.6
+(2.2 and 4.5); forwards 0.12 and 0.18, as narrow 0.24 and 0.27."""
+TIGHT_ARC_CORRIDOR, LARGE_RADIUS = CorridorWidth(6, 0.04, 2.5, 0, 0.0), 8.0
+"""To a goal with a heading by small arcs, and the radius in cells from which on they are not: with
+one of 3 cells a wider corridor took 1.30 times the expansions of exact search to find that there is
+no path, this one 1.24."""
 WIDENED_ARC_CORRIDOR = CorridorWidth(12, 0.1, nearby=6.0, coarse_radius=0, coarse_band=0.0)
 """Where the first held no path of arcs, or a doubtful one. With a radius of 4 quarters, less room
 at a start than in the first, the whole map was searched for 10 of 148 queries on a crater's rim,

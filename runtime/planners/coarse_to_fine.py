@@ -289,7 +289,9 @@ class CoarseToFine:
         leads.
         """
         top = self.top_for(query)
-        widths = widths or self._state.grid.robot.corridors
+        robot = self._state.grid.robot
+        by_default = robot.corridors if query.wanted is None else robot.corridors_to_heading
+        widths = widths or by_default
         for width, source in zip(widths, (Source.REGION, Source.WIDENED), strict=True):
             found = self.find(query, work, searcher, top, None, width, source)
             if found is not None:

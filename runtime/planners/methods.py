@@ -24,7 +24,6 @@ from nnpp_edge.runtime.planners.searchers import (
 )
 from nnpp_edge.runtime.search.astar import Query
 from nnpp_edge.runtime.tuning import (
-    ARC_CORRIDOR_TO_HEADING,
     BRIEF_EXPANSIONS,
     FAR,
     LARGE_MAP,
@@ -33,8 +32,6 @@ from nnpp_edge.runtime.tuning import (
     REFINE_FROM,
     SPARSE_FROM,
     UNSEEN_CHANGE,
-    WIDE_SWING,
-    WIDENED_ARC_CORRIDOR,
     CorridorWidth,
 )
 
@@ -296,9 +293,6 @@ class Methods:
             if by_blocks is not None and by_blocks.suffices(query):
                 return by_blocks
         self.state.pyramid_by(query.deadline)
-        tight = max(self.state.grid.robot.swing) < WIDE_SWING
-        if self.arcs is not None and query.wanted is not None and tight:
-            widths = widths or (ARC_CORRIDOR_TO_HEADING, WIDENED_ARC_CORRIDOR)
         corridors = self.descent.corridors(query, work, searcher or self.astar, widths)
         if self.arcs is not None:
             return self.arcs.find(query, work, corridors, self.search_map)

@@ -55,6 +55,8 @@ class Robot:
     """Whether a network's region serves it."""
     corridors = CORRIDOR, WIDENED_CORRIDOR
     """Widths of the corridor in which a path is looked for first, and of the next."""
+    corridors_to_heading = CORRIDOR, WIDENED_CORRIDOR
+    """Those to a goal with a heading."""
     drives_arcs = False
     """Whether its path is one of states, and what guides its search is kept for the next."""
     corridor_tries = 1
@@ -98,6 +100,12 @@ class Robot:
 
     def states(self) -> "States":
         """A body's motions, where a search goes over its poses."""
+        raise NotImplementedError
+
+    def turns_in_field(self, apart: int) -> float:
+        """Share of what a body's turns cost that the costs to go in a corridor count, so many cells
+        from start to goal.
+        """
         raise NotImplementedError
 
     def states_by(self, edges: Edges, metre: float) -> "States":

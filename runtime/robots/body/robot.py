@@ -23,12 +23,17 @@ from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.tuning import (
     ARC_CORRIDOR,
+    ARC_TURNS_IN_FIELD,
     BODY_CORRIDOR,
     BODY_WEIGHT,
+    LARGE_RADIUS,
     MOST_ARC_CORRECTIONS,
     MOST_CORRECTIONS,
     MOST_SWING,
+    ROOMY_ARC_CORRIDOR,
     SWING,
+    TIGHT_ARC_CORRIDOR,
+    TURNS_IN_FIELD,
     WIDENED_ARC_CORRIDOR,
     WIDENED_BODY_CORRIDOR,
 )
@@ -51,7 +56,7 @@ class BodyRobot(Robot):
     symmetric = True
     has_landmarks = False
     repairs = False
-    corridors = BODY_CORRIDOR, WIDENED_BODY_CORRIDOR
+    corridors = corridors_to_heading = BODY_CORRIDOR, WIDENED_BODY_CORRIDOR
     corridor_tries = MOST_CORRECTIONS
     weight_share = BODY_WEIGHT
     line_refusal = "is for points and discs: a body's legs lead in 16 directions"
@@ -71,6 +76,9 @@ class BodyRobot(Robot):
     @property
     def checks(self) -> int:  # type: ignore[override]
         return self.poses.checked
+
+    def turns_in_field(self, apart: int) -> float:
+        return TURNS_IN_FIELD
 
     def states(self) -> States:
         return States(self.poses.packed, NO_EDGES, self.poses.prices)
@@ -208,11 +216,20 @@ class ArcRobot(BodyRobot):
 
     def __init__(self, poses: Poses) -> None:
         super().__init__(poses)
+        down, right = ((poses.vehicle.turning_radius_m or 0.0) / side for side in poses.sides_m)
+        self._radius = max(down, right)
+        """Its turning radius, in cells."""
         if poses.vehicle.reverse_cost:
-            swing_m = SWING * (poses.vehicle.turning_radius_m or 0.0)
-            down, right = (min(int(swing_m / side), MOST_SWING) for side in poses.sides_m)
-            self.swing = down, right
+            self.swing = min(int(SWING * down), MOST_SWING), min(int(SWING * right), MOST_SWING)
+        else:
+            self.corridors = ROOMY_ARC_CORRIDOR, WIDENED_ARC_CORRIDOR
+        first = ROOMY_ARC_CORRIDOR if self._radius >= LARGE_RADIUS else TIGHT_ARC_CORRIDOR
+        self.corridors_to_heading = first, WIDENED_ARC_CORRIDOR
         self.readiness = poses.vehicle.gear_change_m / poses.sides_m[0]
+
+    def turns_in_field(self, apart: int) -> float:
+        far = apart * self._radius
+        return next(share for within, share in ARC_TURNS_IN_FIELD if far <= within)
 
     def arrival(self, path: Cells) -> int:
         return int(path[-1, 2]) % len(motions.LEGS)

@@ -56,13 +56,11 @@ from nnpp_edge.runtime.search.astar import (
 from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.tuning import (
-    ARC_TURNS_IN_FIELD,
     AROUND_GOAL,
     BUCKET_WIDTH_BY_LANDMARKS,
     CHECKED_FROM,
     CHECKED_SHARE,
     REOPENED_WITHIN,
-    TURNS_IN_FIELD,
 )
 
 if TYPE_CHECKING:
@@ -410,9 +408,7 @@ def turns_in_field(grid: "Grid", query: Query, region: Region | None) -> Float32
     assert states is not None
     if region is None:
         return states.prices.turns[:0]
-    share = TURNS_IN_FIELD
-    if grid.robot.drives_arcs:
-        share = next(share for within, share in ARC_TURNS_IN_FIELD if query.apart <= within)
+    share = grid.robot.turns_in_field(query.apart)
     turns: Float32s = np.float32(share) * states.prices.turns
     return turns
 

@@ -40,6 +40,8 @@ _AS_UNDER = (
     "learned_region",
     "corridor_tries",
     "corridors",
+    "corridors_to_heading",
+    "turns_in_field",
     "weight_share",
     "reach",
     "shortest",
