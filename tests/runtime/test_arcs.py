@@ -350,6 +350,38 @@ def test_a_corridor_has_room_to_turn_round_at_an_end_with_a_heading(headings):
     assert other.cost <= 1.002 * exact.cost
 
 
+@pytest.mark.parametrize(
+    ("radius_m", "forwards", "to_heading"),
+    [(4.0, False, False), (4.0, False, True), (2.0, True, True)],
+)
+def test_paths_in_corridors_cost_hardly_more_than_the_best(radius_m, forwards, to_heading):
+    ways = {"turning_radius_m": radius_m}
+    if not forwards:
+        ways |= {"reverse_cost": 2.0, "gear_change_m": 1.0}
+    vehicle = replace(CAR, **ways)
+    rng = np.random.default_rng(7)
+    gaps = []
+    for seed in range(6):
+        made = planner(rocks(seed, 120, 120, 0.006), vehicle)
+        while len(gaps) < 4 * (seed + 1):
+            start, goal = rng.integers(8, 112, (2, 2))
+            begin, end = rng.uniform(0.0, 360.0, 2)
+            if np.abs(start - goal).max() < 50:
+                continue
+            options = {
+                "start_heading_deg": begin,
+                "goal_heading_deg": end if to_heading else None,
+            }
+            exact, other = (
+                made.plan(tuple(start.tolist()), tuple(goal.tolist()), method=method, **options)
+                for method in ("astar", "corridor")
+            )
+            assert exact.status is other.status
+            if exact.ok:
+                gaps.append(other.cost / exact.cost - 1.0)
+    assert np.mean(gaps) < 0.003 and max(gaps) < 0.025
+
+
 def test_where_no_arc_leads_out_of_a_dead_end_no_second_region_is_searched():
     dem = np.zeros((80, 120))
     dem[33:48, 70:115] = 3.0
