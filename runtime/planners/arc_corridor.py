@@ -79,7 +79,8 @@ class ArcCorridor:
             promised = self._kept.cost_from(query)
         if promised == math.inf:
             return None
-        ahead = min(max(JOIN_AHEAD, rest.clear + JOIN_BEHIND), len(rest.states) - 1)
+        ahead = rest.clear + JOIN_BEHIND if rest.clear else JOIN_AHEAD
+        ahead = min(ahead, len(rest.states) - 1)
         search = work.searched(self._kept.search(query, rest.states[ahead], limit=JOIN_EXPANSIONS))
         way = rest.states
         if search.status is Status.OK:
@@ -88,8 +89,10 @@ class ArcCorridor:
             return None
         joined = Search(Status.OK, way, 0, rest.bound)
         found = Found.of(self._grid, joined, Source.STANDING, None, work)
-        most = MOST_DRIFT * max(MOST_ABOVE_FIELD, self._kept.above)
-        return found if found.cost <= most * promised else None
+        most = promised * max(MOST_ABOVE_FIELD, self._kept.above)
+        if way is rest.states:  # what it cost too much may lie ahead as a whole
+            most = max(most, promised + self._kept.extra)
+        return found if found.cost <= MOST_DRIFT * most else None
 
     def _by_kept_field(self, query: Query, work: Work) -> Found | None:
         """A good path by the costs to go that are kept; None without one."""

@@ -51,6 +51,8 @@ class KeptField:
         self._turns = np.empty((0, DIRECTION_COUNT), np.float32)
         self.above = 1.0
         """Cost of the path that was found by it, over what it promised."""
+        self.extra = 0.0
+        """By how much it cost more."""
 
     def keep(self, query: Query, region: Region | None, search: Search, cost: float) -> None:
         """Keep the field of a search that has just found a path of this cost; at the goal itself
@@ -63,6 +65,7 @@ class KeptField:
         self._turns = turns_in_field(self._grid, query, region)
         self._is_new(query, search.promised)
         self.above = cost / search.promised
+        self.extra = cost - search.promised
 
     def refill(self, query: Query) -> int:
         """Fill the field anew, on the map as it is, where it last led to a path to the goal: the
