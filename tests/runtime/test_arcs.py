@@ -650,6 +650,37 @@ def test_a_path_of_arcs_is_left_where_it_is_blocked_and_joined_again(monkeypatch
     assert moving.replan().source is Source.REGION  # blocked, and no way found by so few expansions
 
 
+@pytest.mark.parametrize("seed", [0, 6])
+def test_a_clear_path_is_driven_to_its_end_though_its_dear_part_comes_last(seed, monkeypatch):
+    monkeypatch.setattr(arc_corridor, "JOIN_EXPANSIONS", 1)
+    vehicle = replace(CAR, turning_radius_m=1.5, reverse_cost=2.0, gear_change_m=2.0)
+    dem = rocks(seed, 44, 52, 0.012)
+    moving = DynamicPlanner.of_elevation(dem, CELL_M, (35, 44), vehicle=vehicle)
+    moving.move((8, 8), 90.0)
+    plan = moving.replan(method="corridor")
+    while len(plan.path) > 2:
+        moving.move(tuple(plan.path[1].tolist()), float(plan.headings_deg[1]))
+        plan = moving.replan(method="corridor")
+        assert plan.source is Source.STANDING
+
+
+def test_a_way_around_what_blocks_the_path_joins_it_close_behind(monkeypatch):
+    joined = []
+    search_by_kept = kept_field.KeptField.search
+
+    def search_to(kept, query, by_way_of=None, limit=None):
+        joined.append(tuple(by_way_of[:2].tolist()))
+        return search_by_kept(kept, query, by_way_of, limit)
+
+    monkeypatch.setattr(kept_field.KeptField, "search", search_to)
+    moving = DynamicPlanner.of_elevation(np.zeros((80, 240)), CELL_M, (40, 220), vehicle=CAR)
+    moving.move((40, 20), 90.0)
+    path = list(map(tuple, moving.replan().path.tolist()))
+    moving.update_elevation(39, path[10][1], np.full((3, 2), 2.0))
+    assert moving.replan().source is Source.STANDING
+    assert path[12] < joined[-1] < path[40]
+
+
 @pytest.mark.parametrize("method", ["corridor", "astar"])
 def test_a_goal_that_no_arc_leads_to_is_found_out_from_there(method):
     dem = np.zeros((150, 150))
