@@ -52,6 +52,7 @@ from nnpp_edge.runtime.kernels.records import (
     PoseTables,
     Prices,
 )
+from nnpp_edge.runtime.memory import virtual_zeros
 from nnpp_edge.runtime.robots.body import motions
 from nnpp_edge.runtime.robots.body.primitives import ARCS, primitives, turn_rad
 from nnpp_edge.runtime.terrain.traversability import Traversability, relative_heights, sides_of
@@ -124,9 +125,11 @@ class Poses:
         self.heights = np.full((rows + 2 * self._margin, width), beyond, np.float32)
         """Within a margin of `margin` unknown cells, and more to the right; relative to `_base`."""
         nodes = (rows + 2) * (cols + 2)
-        self.codes: UInt16 = np.zeros((nodes, len(tables.poses_of) - 1 - AXIS_COUNT), np.uint16)
+        count = len(tables.poses_of) - 1 - AXIS_COUNT
+        self.codes: UInt16 = virtual_zeros(nodes * count, np.uint16).reshape(nodes, count)
         """(nodes, M) what is known of each motion that begins on a node: legs, turns, and arcs if
-        there are any.
+        there are any. Searches come to new pages of it all the time, and huge ones take up to 3 ms
+        to be cleared.
         """
         self._counts = np.zeros(1, np.int64)
         record = records.Poses(
