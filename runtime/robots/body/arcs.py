@@ -5,6 +5,7 @@ along them.
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -165,15 +166,31 @@ class Drive(NamedTuple):
 
 def drive_along(states: Int32, vehicle: Vehicle, sides_m: tuple[float, float]) -> Drive:
     """The drive of a body along states (N, 3) of a path, pose by pose."""
-    first = (
-        states[0, 1] * sides_m[1],
-        states[0, 0] * sides_m[0],
-        heading_deg(int(states[0, 2]), sides_m),
-    )
-    found: list[tuple[PoseOf, int, float, int]] = []
-    for n in range(len(states) - 1):
-        for arc in arcs_along(states[n : n + 2], vehicle, sides_m):
-            found += [(pose, arc.gear, arc.curvature_per_m, n) for pose in arc.poses]
-    found.insert(0, (first, *found[0][1:]) if found else (first, 0, 0.0, 0))
-    poses, gears, curvatures, steps = zip(*found, strict=True)
-    return Drive(np.array(poses), np.array(gears), np.array(curvatures), np.array(steps))
+    places = states[:, 1::-1] * sides_m[::-1]
+    pairs = zip(states[:-1].tolist(), states[1:].tolist(), strict=True)
+    found = [
+        _motion(after[0] - before[0], after[1] - before[1], before[2], after[2], vehicle, sides_m)
+        for before, after in pairs
+    ]
+    steps = np.repeat(np.arange(len(found)), [len(poses) for poses in found])
+    begin = np.array([[*places[0], heading_deg(int(states[0, 2]), sides_m), 0.0, 0.0]])
+    table = np.concatenate((begin, *found))
+    table[1:, :2] += places[steps]
+    table[0, 3:] = table[min(1, len(steps)), 3:]
+    return Drive(table[:, :3], table[:, 3].astype(np.int64), table[:, 4], np.append(0, steps))
+
+
+@lru_cache(maxsize=4096)
+def _motion(
+    down: int,
+    right: int,
+    begins: int,
+    ends: int,
+    vehicle: Vehicle,
+    sides_m: tuple[float, float],
+) -> Floats:
+    """(N, 5) pose, gear and curvature along a motion between two states, from cell (0, 0) on."""
+    states = np.array(((0, 0, begins), (down, right, ends)), np.int32)
+    arcs = arcs_along(states, vehicle, sides_m)
+    rows = [(*pose, arc.gear, arc.curvature_per_m) for arc in arcs for pose in arc.poses]
+    return np.array(rows).reshape(-1, 5)
