@@ -33,13 +33,16 @@ from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.kernels.paths import remember, savings
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.planners.plan import Plan
-from nnpp_edge.runtime.robots.body.arcs import POSES_EVERY_M
+from nnpp_edge.runtime.robots.body import arcs
 from nnpp_edge.runtime.tuning import JOIN_WITHIN, MOST_LOGGED_CHANGES, ON_ARC, ON_ARC_DEG
 
 Departure = tuple[Cell, float]
 """A cell, and the heading in degrees in which a body leaves it."""
 _ROUNDING = 1e-6
 """Share by which a bound may be off, as the searches keep g in float32."""
+_IN_STATE = 0.05
+"""Cells from a cell's middle, and degrees from one of the sixteen headings, up to which a body is
+exactly in a state."""
 _MANY = 1 << 16
 """Changed cells that may wait to be read."""
 _LAST_STAMP = int(np.iinfo(np.int32).max)
@@ -222,9 +225,15 @@ class StandingPath:
             return None
         poses = plan.drive.poses
         sides_m = plan.along.sides_m
+        # exactly in a state a path may as well begin there: where the path comes by twice, in
+        # another gear, the body would be sent back each time
+        nearest = arcs.heading_deg(arcs.direction_near(heading_deg, sides_m), sides_m)
+        turn = math.remainder(heading_deg - nearest, 360.0)
+        if max(abs(row - round(row)), abs(col - round(col)), abs(turn)) < _IN_STATE:
+            return None
         offsets = poses[:, 1::-1] - np.multiply((row, col), sides_m)
         turned = np.abs((poses[:, 2] - heading_deg + 180.0) % 360.0 - 180.0)
-        within_m = ON_ARC * max(*sides_m, POSES_EVERY_M)
+        within_m = ON_ARC * max(*sides_m, arcs.POSES_EVERY_M)
         away = np.hypot(*offsets.T) / within_m + turned / ON_ARC_DEG
         leaving = np.append(plan.drive.steps[1:], len(plan.path) - 1)
         near = (away <= 1.0) & (leaving >= self._passed)

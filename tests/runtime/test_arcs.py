@@ -569,6 +569,17 @@ def test_a_path_of_arcs_stands_while_the_body_drives_between_its_states():
     assert len(first.path) - 2 in starts
 
 
+def test_a_body_exactly_in_a_state_of_its_path_sets_out_from_there():
+    """Where the path came by that place before, in another gear, it was sent back each time."""
+    moving = DynamicPlanner.of_elevation(np.zeros((60, 60)), CELL_M, (30, 20), vehicle=CAR)
+    moving.move((30, 30), 90.0)
+    plan = moving.replan()
+    assert len(plan.path) > 4
+    for (row, col), heading in zip(plan.path.tolist(), plan.headings_deg, strict=True):
+        assert moving.passed(row, col, heading) is None
+    assert moving.passed(row, col + 0.1, heading) is not None
+
+
 def test_where_the_arc_is_blocked_that_a_body_drives_its_path_begins_in_its_cell():
     dem = np.zeros((80, 80), np.float32)
     wide = replace(CAR, turning_radius_m=4.0, reverse_cost=2.0)
