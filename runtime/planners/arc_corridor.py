@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.planners.plan import Source
@@ -16,7 +15,6 @@ from nnpp_edge.runtime.robots.body.kept_field import KeptField
 from nnpp_edge.runtime.search.astar import Query, Search
 from nnpp_edge.runtime.tuning import (
     AGAIN_EXPANSIONS,
-    IN_VAIN,
     JOIN_AHEAD,
     JOIN_BEHIND,
     JOIN_EXPANSIONS,
@@ -40,10 +38,6 @@ class ArcCorridor:
         self._grid = state.grid
         self._repeated = repeated
         self._kept = KeptField(state.grid, astar.workspace, state.log)
-        self._hopeless: Cell = (-1, -1)
-        """The goal to which no corridor led lately."""
-        self._untried = 0
-        """For how many queries to it no corridor is tried."""
 
     def find(
         self, query: Query, work: Work, corridors: Iterator[Found], search_map: SearchMap
@@ -55,16 +49,8 @@ class ArcCorridor:
             known = self._by_kept_field(query, work)
             if known is not None:
                 return known
-            if query.goal == self._hopeless and self._untried:
-                self._untried -= 1
-                return self._on_whole_map(query, work, search_map)
         found = self._in_corridors(query, corridors)
-        if found is not None:
-            return found
-        # noted before the search, which may end for want of time
-        self._hopeless = query.goal
-        self._untried = IN_VAIN
-        return self._on_whole_map(query, work, search_map)
+        return found or self._on_whole_map(query, work, search_map)
 
     def rejoin(self, query: Query, work: Work, rest: Rest) -> Found | None:
         """A way to a place ahead on the standing path, and on along that; None where a search is
