@@ -155,7 +155,7 @@ each plan began in the body's cell and the nearest of the sixteen headings inste
 for 2 goals and none."""
 JOIN_EXPANSIONS, AGAIN_EXPANSIONS = 4096, 16384
 """Expansions after which the best way to that place is taken, else the path as it stood; and those
-of a search to the goal by the field that is kept."""
+of a way back of a robot that has gone on beside the path that was searched for meanwhile."""
 ARC_CORRIDOR = CorridorWidth(6, 0.03, nearby=4.5, coarse_radius=0, coarse_band=0.0)
 """For a vehicle that drives arcs, which swing out. With a radius of 2 quarters paths of a radius
 of 2.7 bodies are 0.2 % dearer and 20 of 60 corridors are widened, not 12. Room counts where the way

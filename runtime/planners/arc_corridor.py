@@ -14,7 +14,6 @@ from nnpp_edge.runtime.planners.standing_path import Rest
 from nnpp_edge.runtime.robots.body.kept_field import KeptField
 from nnpp_edge.runtime.search.astar import Query, Search
 from nnpp_edge.runtime.tuning import (
-    AGAIN_EXPANSIONS,
     JOIN_AHEAD,
     JOIN_BEHIND,
     JOIN_EXPANSIONS,
@@ -42,13 +41,7 @@ class ArcCorridor:
     def find(
         self, query: Query, work: Work, corridors: Iterator[Found], search_map: SearchMap
     ) -> Found:
-        """A path, by the costs to go that are kept or in one of the corridors, else on the whole
-        map.
-        """
-        if self._repeated:
-            known = self._by_kept_field(query, work)
-            if known is not None:
-                return known
+        """A path in one of the corridors, else on the whole map."""
         found = self._in_corridors(query, corridors)
         return found or self._on_whole_map(query, work, search_map)
 
@@ -67,7 +60,7 @@ class ArcCorridor:
             return None
         ahead = rest.clear + JOIN_BEHIND if rest.clear else JOIN_AHEAD
         ahead = min(ahead, len(rest.states) - 1)
-        search = work.searched(self._kept.search(query, rest.states[ahead], limit=JOIN_EXPANSIONS))
+        search = work.searched(self._kept.search(query, rest.states[ahead], JOIN_EXPANSIONS))
         way = rest.states
         if search.status is Status.OK:
             way = np.concatenate((search.path, rest.states[ahead + 1 :]))
@@ -79,16 +72,6 @@ class ArcCorridor:
         if way is rest.states:  # what it cost too much may lie ahead as a whole
             most = max(most, promised + self._kept.extra)
         return found if found.cost <= MOST_DRIFT * most else None
-
-    def _by_kept_field(self, query: Query, work: Work) -> Found | None:
-        """A good path by the costs to go that are kept; None without one."""
-        if self._kept.cost_from(query) == math.inf:
-            return None
-        search = work.searched(self._kept.search(query, limit=AGAIN_EXPANSIONS))
-        if search.status is not Status.OK:
-            return None
-        found = Found.of(self._grid, search, Source.REGION, None, work)
-        return found if found.suffices(query) and not _doubtful(found) else None
 
     def _in_corridors(self, query: Query, corridors: Iterator[Found]) -> Found | None:
         """The first path that is good enough; None where a search of the whole map is due."""

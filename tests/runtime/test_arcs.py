@@ -679,9 +679,9 @@ def test_a_way_around_what_blocks_the_path_joins_it_close_behind(monkeypatch):
     joined = []
     search_by_kept = kept_field.KeptField.search
 
-    def search(kept, query, *by_way_of, limit=None):
-        joined.extend(by_way_of)
-        return search_by_kept(kept, query, *by_way_of, limit=limit)
+    def search(kept, query, state, limit):
+        joined.append(state)
+        return search_by_kept(kept, query, state, limit)
 
     monkeypatch.setattr(kept_field.KeptField, "search", search)
     moving = DynamicPlanner.of_elevation(np.zeros((80, 240)), CELL_M, (40, 220), vehicle=CAR)
@@ -716,20 +716,3 @@ def test_once_much_of_the_map_has_changed_the_costs_to_go_are_found_anew_and_the
     assert (first.source, again.source) == (Source.REGION, Source.STANDING)
     exact = planner(dem).plan((15, 15), (100, 100), method="astar", start_heading_deg=130.0)
     assert again.lower_bound <= exact.cost * (1.0 + 1e-5) and again.cost <= 1.02 * exact.cost
-
-
-def test_a_search_by_the_kept_costs_to_go_is_given_up_soon(monkeypatch):
-    limits = []
-    search_by_kept = kept_field.KeptField.search
-    monkeypatch.setattr(
-        kept_field.KeptField,
-        "search",
-        lambda *given, limit=None: limits.append(limit) or search_by_kept(*given, limit=limit),
-    )
-    monkeypatch.setattr(arc_corridor, "AGAIN_EXPANSIONS", 8)
-    moving = DynamicPlanner.of_elevation(np.zeros((120, 120)), CELL_M, (100, 100), vehicle=CAR)
-    for cell in (15, 15), (60, 30):  # the second far from the path
-        moving.move(cell, 130.0)
-        plan = moving.replan()
-        assert plan.ok and plan.source is Source.REGION
-    assert limits == [8]

@@ -17,7 +17,7 @@ from nnpp_edge.runtime.robots.body.search import (
     octile_cost,
     turns_in_field,
 )
-from nnpp_edge.runtime.search.astar import WITHOUT_END, Query, Search
+from nnpp_edge.runtime.search.astar import Query, Search
 from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.tuning import FIELD_KEPT
@@ -106,21 +106,17 @@ class KeptField:
             return known
         return self._promised - float(octile.py_func(*query.start, *self._begun, *grid.prices))
 
-    def search(
-        self, query: Query, by_way_of: Int32 | None = None, limit: int | None = None
-    ) -> Search:
-        """A path by the field, where `cost_from` is known, to the goal or to a state
-        (row, col, number) on the way; at the `limit` of expansions the best path so far counts.
+    def search(self, query: Query, state: Int32, limit: int) -> Search:
+        """A path by the field, where `cost_from` is known, to a state (row, col, number) on the way
+        to the goal; at the `limit` of expansions the best path so far counts.
         """
         grid = self._grid
-        if by_way_of is not None:
-            row, col, state = by_way_of.tolist()
-            wanted = np.arange(self._workspace.states) == state
-            query = query._replace(goal=(row, col), wanted=wanted)
+        row, col, number = state.tolist()
+        wanted = np.arange(self._workspace.states) == number
+        query = query._replace(goal=(row, col), wanted=wanted)
         guide = Guide(grid.node(*self._begun), self._promised, self._turns)
         place = (self._workspace, self._region)
-        most = limit or WITHOUT_END
-        found = by_field(grid, query, *place, guide, most, best_so_far=limit is not None)
+        found = by_field(grid, query, *place, guide, limit, best_so_far=True)
         return found._replace(refused_f=octile_cost(grid, query))
 
 
