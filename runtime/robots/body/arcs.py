@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -167,30 +168,31 @@ class Drive(NamedTuple):
 def drive_along(states: Int32, vehicle: Vehicle, sides_m: tuple[float, float]) -> Drive:
     """The drive of a body along states (N, 3) of a path, pose by pose."""
     places = states[:, 1::-1] * sides_m[::-1]
-    pairs = zip(states[:-1].tolist(), states[1:].tolist(), strict=True)
+    numbers = states[:, 2].tolist()
+    moves = np.diff(states[:, :2], axis=0).tolist()
     found = [
-        _motion(after[0] - before[0], after[1] - before[1], before[2], after[2], vehicle, sides_m)
-        for before, after in pairs
+        _motion(tuple(move), ends, vehicle, sides_m)
+        for move, ends in zip(moves, pairwise(numbers), strict=True)
     ]
-    steps = np.repeat(np.arange(len(found)), [len(poses) for poses in found])
-    begin = np.array([[*places[0], heading_deg(int(states[0, 2]), sides_m), 0.0, 0.0]])
-    table = np.concatenate((begin, *found))
+    counts = [len(poses) for poses in found]
+    steps = np.repeat(np.arange(len(found)), counts)
+    heading = heading_deg(numbers[0], sides_m)
+    table = np.vstack(((*places[0], heading, 0.0, 0.0), *found))
     table[1:, :2] += places[steps]
     table[0, 3:] = table[min(1, len(steps)), 3:]
-    return Drive(table[:, :3], table[:, 3].astype(np.int64), table[:, 4], np.append(0, steps))
+    gears = table[:, 3].astype(np.int64)
+    return Drive(table[:, :3], gears, table[:, 4], np.append(0, steps))
 
 
 @lru_cache(maxsize=4096)
 def _motion(
-    down: int,
-    right: int,
-    begins: int,
-    ends: int,
+    move: tuple[int, int],
+    ends: tuple[int, int],
     vehicle: Vehicle,
     sides_m: tuple[float, float],
 ) -> Floats:
     """(N, 5) pose, gear and curvature along a motion between two states, from cell (0, 0) on."""
-    states = np.array(((0, 0, begins), (down, right, ends)), np.int32)
+    states = np.array(((0, 0, ends[0]), (*move, ends[1])), np.int32)
     arcs = arcs_along(states, vehicle, sides_m)
     rows = [(*pose, arc.gear, arc.curvature_per_m) for arc in arcs for pose in arc.poses]
     return np.array(rows).reshape(-1, 5)
