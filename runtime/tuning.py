@@ -153,9 +153,18 @@ counts as driving along it, the one or the other; or as much of each as leaves o
 each plan began in the body's cell and the nearest of the sixteen headings instead, a car (R = 2 m,
 1 m/s, cells of 0.2 m) that took every new path came to no goal, and 111 of 1,010 ticks were late,
 for 2 goals and none."""
-JOIN_EXPANSIONS, AGAIN_EXPANSIONS = 4096, 16384
+JOIN_EXPANSIONS, AGAIN_EXPANSIONS = 4096, 8192
 """Expansions after which the best way to that place is taken, else the path as it stood; and those
-of a way back of a robot that has gone on beside the path that was searched for meanwhile."""
+of the cells that a change of the map has opened, where there was no path.
+"""
+JOIN_AT = (16, 64)
+"""States from the ends of a path at which it is joined to where the robot, or the goal, is by now;
+where that needs too many expansions, at the next.
+"""
+JOIN_MS, GOAL_MOVES = 3.0, 0.25
+"""Time in which a path is joined to a goal that has moved; and how far that may have moved, as a
+share of the cells from the robot to it, so that the path is joined, and not searched for anew.
+"""
 ARC_CORRIDOR = CorridorWidth(6, 0.03, nearby=4.5, coarse_radius=0, coarse_band=0.0)
 """For a vehicle that drives arcs, which swing out. With a radius of 2 quarters paths of a radius
 of 2.7 bodies are 0.2 % dearer and 20 of 60 corridors are widened, not 12. Room counts where the way

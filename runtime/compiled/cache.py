@@ -34,7 +34,7 @@ from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 from numba.core.sigutils import normalize_signature
 
-from nnpp_edge.runtime.compiled import places
+from nnpp_edge.runtime.compiled import interrupts, places
 from nnpp_edge.runtime.stopwatch import preparing
 
 NumbaObject = Any
@@ -110,6 +110,7 @@ class KernelCache(NullCache):
                 preparing.ends()
                 return kept
         _compiling.append(notice.begins(_COMPILING))
+        interrupts.come()
         return None
 
     def _find(self, key: bytes, sig: NumbaObject, target_context: NumbaObject) -> NumbaObject:

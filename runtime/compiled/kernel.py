@@ -9,7 +9,7 @@ from types import FunctionType
 import numba
 from numba.core.types import unliteral
 
-from nnpp_edge.runtime.compiled import places
+from nnpp_edge.runtime.compiled import interrupts, places
 from nnpp_edge.runtime.compiled.cache import KernelCache, NumbaObject
 
 
@@ -51,4 +51,12 @@ def helper(function: FunctionType, **options: object) -> NumbaObject:
             )
 
         compiled.get_call_template = of_types
+        load_or_compile = compiled.compile
+
+        def whole(types: NumbaObject) -> NumbaObject:
+            """An interrupt waits while it is loaded."""
+            with interrupts.waiting():
+                return load_or_compile(types)
+
+        compiled.compile = whole
     return compiled

@@ -3,11 +3,13 @@ an answer counts.
 
 1. The standing path, if it is valid and cannot have become worse than the loop's tolerance. 2. The
 method asked for, unless by its last times it would be late. 3. The corridor planner. 4. The
-standing path, if it is valid at all. 5. A part of the standing path, up to the place from which
-a search goes on. 6. An outcome that says what failed.
+standing path, if it is valid at all. 5. The standing path, joined to where the robot is and to the
+goal that has moved. 6. A part of the standing path, up to the place from which a search goes on.
+7. An outcome that says what failed.
 
 Corridors, and thus ``auto``, are searched for in slices: a search that has not ended after its
-slice goes on in the next tick. So no tick is late by them, however large the map.
+slice goes on once the answer is out, and in the next tick. So no tick is late by them, however
+large the map.
 
 Every path is checked cell by cell before it is published, on a map that has all patches that came
 before the check.
@@ -29,6 +31,8 @@ from nnpp_edge.runtime.planners.standing_path import Standing
 _LOG = logging.getLogger(__name__)
 _LEAST_PLANNING_S = 0.002
 """A search gets at least this much time: else a loop that is always late would never plan."""
+_SHARE_WITH_PATH = 0.5
+"""Of a slice, where there is a path to follow: the search goes on once the answer is out."""
 _FORGET = 0.9
 """Factor of a method's expected time each time that the method is skipped as too slow: so it is
 tried again.
@@ -83,7 +87,8 @@ class Ladder:
     Every path is checked after `update_map` has put all patches that wait into the planner's map,
     and said how many the map has. The standing path is kept while it can cost at most `tolerance`,
     a share, more than a new plan. A search in slices works `slice_s` seconds in each tick that has
-    a deadline. `count_error` is called with ``full`` or ``corridor`` when planning raised.
+    a deadline. `count_error` is called with ``full`` or ``corridor`` when planning raised. With
+    `approach` paths lead as near to the goal as there is a way.
     """
 
     def __init__(
@@ -93,8 +98,11 @@ class Ladder:
         tolerance: float,
         slice_s: float,
         count_error: CountError,
+        *,
+        approach: bool,
     ) -> None:
         self._planner = planner
+        self._approach = approach
         self._update_map = update_map
         self._tolerance = tolerance
         self._count_error = count_error
@@ -115,6 +123,7 @@ class Ladder:
             or self._planned_in_full(tick)
             or self._planned_by_corridor(tick)
             or self._standing_path(tick, tick.failures[0].reason)
+            or self._joined(tick)
             or self._as_far_as_clear(tick)
             or self._all_failed(tick)
         )
@@ -124,6 +133,8 @@ class Ladder:
     def _standing_while_good(self, tick: Tick) -> PathMessage | None:
         standing = tick.standing
         if standing is None or standing.added > self._tolerance * abs(standing.cost):
+            return None
+        if self._planner.search_due:
             return None
         message = self._standing_path(tick, "it still holds")
         if message is None:
@@ -159,17 +170,20 @@ class Ladder:
         freed = self._planner.refined(left)
         return self._path(tick, freed, Origin.STANDING, reason) if freed.ok else None
 
-    def _as_far_as_clear(self, tick: Tick) -> PathMessage | None:
-        standing = self._planner.standing()
-        plan = self._planner.standing_plan
-        end = self._planner.searching_from
-        if plan is None or not 0 <= standing.index < end or 0 <= standing.blocked <= end:
+    def _joined(self, tick: Tick) -> PathMessage | None:
+        if tick.failures[-1].kind != "timeout":
             return None
-        part = plan.rest(standing.index, end + 1)
-        cost, _, _ = self._planner.state.grid.costs_of(part.walked)
-        row, col = part.path[-1].tolist()
-        tick.known = replace(tick.known, goal=(row, col), goal_moved=True)
-        freed = self._planner.refined(replace(part, cost=cost, lower_bound=0.0))
+        plan = self._planner.joined()
+        if plan is None:
+            return None
+        reason = f"{tick.failures[-1].reason}; a short way leads along the path planned before"
+        return self._path(tick, self._planner.refined(plan), Origin.STANDING, reason)
+
+    def _as_far_as_clear(self, tick: Tick) -> PathMessage | None:
+        part = self._planner.clear_part()
+        if part is None:
+            return None
+        freed = self._planner.refined(part)
         reason = f"{tick.failures[-1].reason}; the standing path is clear as far as this"
         return self._path(tick, freed, Origin.STANDING, reason) if freed.ok else None
 
@@ -188,10 +202,16 @@ class Ladder:
         in_slices = self._in_slices or method is DynamicMethod.CORRIDOR
         left_s = tick.left_s
         if in_slices and left_s < math.inf:
-            left_s = min(left_s, self._slice_s)
+            slice_s = self._slice_s
+            if self._planner.has_path:  # which is the answer until the search has ended
+                slice_s *= _SHARE_WITH_PATH
+            left_s = min(left_s, slice_s)
         try:
             plan = self._planner.replan(
-                method=method, time_limit_s=max(left_s, _LEAST_PLANNING_S), goes_on=in_slices
+                method=method,
+                time_limit_s=max(left_s, _LEAST_PLANNING_S),
+                goes_on=in_slices,
+                approach=self._approach,
             )
         except Exception as error:
             _LOG.warning("planning by %s raised", method or self._planner.method, exc_info=True)
@@ -217,8 +237,8 @@ class Ladder:
         """The plan's path as a message; None if it does not hold on the newest map."""
         path = plan.path
         version = self._update_map()
-        if (tuple(path[0]), tuple(path[-1])) != (tick.known.start, tick.known.goal):
-            _LOG.info("a path from %s is not published: it has other ends", origin)
+        if tuple(path[0].tolist()) != tick.known.start:
+            _LOG.info("a path from %s is not published: it begins elsewhere", origin)
             return None
         blocked = self._planner.first_blocked(plan.walked)
         if blocked >= 0:
@@ -236,9 +256,12 @@ class Ladder:
         if state.unseen is not None:
             anew = origin is Origin.STANDING or version != tick.known.map_version
             known = state.known_along(path) if anew else plan.known
+        row, col = path[-1].tolist()
         return replace(
             tick.no_path(Status.NO_PATH, reason, degraded=bool(tick.failures)),
             outcome=Status.OK,
+            goal=(row, col),
+            goal_moved=(row, col) != tick.known.goal,
             origin=origin,
             path=path,
             map_version=version,

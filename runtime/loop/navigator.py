@@ -10,14 +10,11 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import product
-from typing import NamedTuple, Unpack
-
-import numpy as np
+from typing import Unpack
 
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.cells import Cell, slices, widened
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
-from nnpp_edge.runtime.loop.approach import place_towards
 from nnpp_edge.runtime.loop.ladder import Ladder, Tick, one_line
 from nnpp_edge.runtime.loop.messages import (
     Counters,
@@ -40,15 +37,6 @@ from nnpp_edge.runtime.planners.plan import DynamicMethod
 _LOG = logging.getLogger(__name__)
 
 
-class _Approached(NamedTuple):
-    """Where the robot goes in place of a goal that it cannot reach."""
-
-    goal: Cell
-    place: Cell
-    map_version: int
-    """Of the map on which it was chosen."""
-
-
 class Navigator:
     """Answers the ticks of the onboard loop with a planner, its map and the standing path.
 
@@ -69,7 +57,8 @@ class Navigator:
         unknown yet. It takes a search over all that can be reached, after each change of the map.
     slice_ms : float
         Milliseconds that a corridor is searched for in one tick that has a deadline; a search that
-        takes longer goes on in the next, and the robot follows what is clear of its path meanwhile.
+        takes longer goes on by `go_on` and in the next, and the robot follows what is clear of its
+        path meanwhile.
     clock : callable
         Monotonic seconds; deadlines given to `tick` are readings of it.
 
@@ -105,7 +94,6 @@ class Navigator:
         """By the names that `Counters` has for them."""
         self._degraded: Counter[str] = Counter()
         self._errors: Counter[str] = Counter()
-        self._approached: _Approached | None = None
         side = range(-snap_radius, snap_radius + 1)
         offsets = sorted(product(side, side), key=lambda offset: math.hypot(*offset))
         self._nearest_first = [each for each in offsets if math.hypot(*each) <= snap_radius]
@@ -116,7 +104,12 @@ class Navigator:
         self.planner.prepare()
         self._patches = Patches(self.planner.state)
         self._ladder = Ladder(
-            self.planner, self._update_map, tolerance, 1e-3 * slice_ms, self.count_error
+            self.planner,
+            self._update_map,
+            tolerance,
+            1e-3 * slice_ms,
+            self.count_error,
+            approach=approach,
         )
 
     @property
@@ -180,6 +173,17 @@ class Navigator:
             self._counts["failed"] += message.outcome not in (Status.NO_POSE, Status.NO_GOAL)
         return message
 
+    def go_on(self, time_limit_s: float) -> bool:
+        """Use time that is left after a tick's answer for a search that goes on; False where there
+        is none. By the thread that calls `tick`. Never raises an `Exception`.
+        """
+        try:
+            return self.planner.go_on(time_limit_s)
+        except Exception:
+            _LOG.exception("a search that went on failed")
+            self.count_error("search")
+            return False
+
     def _answer(self, tick: Tick) -> PathMessage:
         """The ladder's answer to the newest inputs, or what is wrong with them."""
         with self._inbox:
@@ -214,49 +218,12 @@ class Navigator:
             reason = f"the goal is impassable{self._unknown_around(target)}"
             return tick.no_path(Status.GOAL_BLOCKED, reason)
         moved = passed is None and start != pose.cell
-        tick.known = replace(tick.known, start=start, start_moved=moved)
+        tick.known = replace(tick.known, start=start, start_moved=moved, goal=target)
         self._counts["starts_moved"] += moved
-        approached = self._approached is not None and self._approached.goal == target
-        if approached or not passable:
-            target = self._as_near_as(target, start)
-        message = self._answer_to(target, goal.cell, tick)
-        if message.outcome is Status.NO_PATH and self._approach:
-            self._approached = None  # what was chosen in the goal's place cannot be reached either
-            return self._answer_to(self._as_near_as(goal.cell, start), goal.cell, tick)
-        return message
-
-    def _answer_to(self, target: Cell, goal: Cell, tick: Tick) -> PathMessage:
-        """The ladder's answer for `target`: the goal, or the place that stands in for it."""
-        tick.known = replace(tick.known, goal=target, goal_moved=target != goal)
-        asked = self._goal
-        heading = asked.heading_deg if asked is not None and asked.cell == target else None
-        if (target, heading) != (self.planner.goal, self.planner.goal_heading_deg):
-            self.planner.set_goal(target, heading)
+        asked = (target, goal.heading_deg)
+        if asked != (self.planner.goal, self.planner.goal_heading_deg):
+            self.planner.set_goal(*asked)
         return self._ladder.answer(tick)
-
-    def _as_near_as(self, goal: Cell, start: Cell) -> Cell:
-        """Where to go while no path leads to the goal; the goal, once one does."""
-        before = self._approached
-        if before is not None and before.goal != goal:
-            before = None
-        if self.planner.searching:  # what it leads to stays while it goes on
-            return goal if before is None else before.place
-        if before is None or before.map_version != self._patches.taken:
-            planner = self.planner
-            state = self.map
-            beyond = np.zeros(planner.shape, np.bool_)
-            if planner.is_passable(goal):
-                beyond = np.isfinite(planner.reach(goal))
-            beyond[goal] = True
-            costs = planner.reach()
-            margin = state.reach_cells + 2
-            present = before and before.place
-            place = place_towards(goal, start, costs, beyond, state.unknown(), margin, present)
-            before = None
-            if place != goal:
-                before = _Approached(goal, place, self._patches.taken)
-            self._approached = before
-        return goal if before is None else before.place
 
     def _update_map(self) -> int:
         """Put all waiting patches into the map; the number of patches that it has. If one fails

@@ -24,6 +24,8 @@ _SHARE_FOR_INPUTS = 0.5
 _BOUND_OCTAVES = range(8, 20)
 """Bounds of the histogram in the counters, as powers of two of a microsecond: 0.256 to 524 ms."""
 _BOUNDS_MS = (*(f"{1e-3 * 2**n:g}" for n in _BOUND_OCTAVES), "inf")
+_WAKE_S = 0.002
+"""Before a tick, from when on no search goes on: it ends some checks of poses late."""
 _LONGEST_SLEEP_S = 0.05
 """Then the loop looks whether it is to stop: an Event's lock is not safe in handlers of signals."""
 
@@ -151,8 +153,10 @@ class Loop:
         return not (self._paced or self._hurried)
 
     def _sleep(self, seconds: float) -> bool:
-        """Sleep for a moment; whether the loop is to stop."""
-        time.sleep(min(seconds, _LONGEST_SLEEP_S))
+        """Go on with a search, or sleep, for a moment; whether the loop is to stop."""
+        moment_s = min(seconds, _LONGEST_SLEEP_S)
+        if moment_s <= _WAKE_S or not self.navigator.go_on(moment_s - _WAKE_S):
+            time.sleep(moment_s)
         return self._stopping
 
     def _run_ticks(self, ticks: int | None) -> None:

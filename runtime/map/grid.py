@@ -5,9 +5,18 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.arrays import Bool, Cells, Float2D, Float32s, Floats, as_map, close_border
+from nnpp_edge.runtime.arrays import (
+    Bool,
+    Cells,
+    Float2D,
+    Float32s,
+    Floats,
+    Int64,
+    as_map,
+    close_border,
+)
 from nnpp_edge.runtime.bands import in_bands
-from nnpp_edge.runtime.cells import Cell, patch_at
+from nnpp_edge.runtime.cells import Cell, Rectangle, patch_at, slices
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels import records
@@ -253,6 +262,14 @@ class Grid:
     def node(self, row: int, col: int) -> int:
         """Flat index of a cell."""
         return (row + 1) * self.stride + col + 1
+
+    def nodes(self, part: Rectangle) -> Int64:
+        """(rows, cols) flat indices of a rectangle's cells."""
+        rows, cols = slices(part)
+        down = self.stride * (np.arange(rows.start, rows.stop) + 1)
+        across = np.arange(cols.start, cols.stop) + 1
+        nodes: Int64 = down[:, None] + across
+        return nodes
 
     def cell(self, node: int) -> Cell:
         """The cell at a flat index."""

@@ -6,65 +6,43 @@ answer to the next.
 """
 
 import math
-from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple, Unpack
+from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 
 from nnpp_edge.runtime.arguments import checked
-from nnpp_edge.runtime.arrays import Bool, Cells, Float2D
-from nnpp_edge.runtime.cells import Cell, as_cell
+from nnpp_edge.runtime.arrays import Bool, Cells, Float2D, Int32
+from nnpp_edge.runtime.cells import Cell, apart, as_cell
 from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
-from nnpp_edge.runtime.map.changes import ChangeReader
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.options import PlannerOptions
-from nnpp_edge.runtime.planners.methods import Way, file_of
+from nnpp_edge.runtime.planners.joining import Joiner
+from nnpp_edge.runtime.planners.methods import file_of
+from nnpp_edge.runtime.planners.no_path import NoPath
 from nnpp_edge.runtime.planners.on_map import (
     OnMap,
     one_at_a_time,
     split,
 )
-from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan, Source
-from nnpp_edge.runtime.planners.query import Found, Work
-from nnpp_edge.runtime.planners.slices import InSlices
-from nnpp_edge.runtime.planners.standing_path import Departure, Standing, StandingPath
-from nnpp_edge.runtime.search.astar import Query, Search
-from nnpp_edge.runtime.tuning import (
-    AGAIN_EXPANSIONS,
-    BEFORE_BLOCK,
-    JOIN_AHEAD,
-    MOST_AHEAD,
-    NEAR,
-)
+from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan
+from nnpp_edge.runtime.planners.query import Work, problem_with
+from nnpp_edge.runtime.planners.searching import Finder, Options, Searching
+from nnpp_edge.runtime.planners.standing_path import Departure, Footing, Standing, StandingPath
+from nnpp_edge.runtime.search.astar import Query
+from nnpp_edge.runtime.tuning import BEFORE_BLOCK, GOAL_MOVES, JOIN_MS, MOST_AHEAD
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.terrain.traversability import Traversability
 
-_JOINED = "a way to the standing path, and on along that"
 _GOES_ON = "the search goes on"
 _CHANGED = "the map changed while it was searched, which begins anew"
 _NOT_FROM_AHEAD = "no way leads on from where the standing path is clear; it is searched from here"
-_CORRIDOR = "a new corridor is faster than repairs"
-
-
-class _UnderWay(NamedTuple):
-    """A search that goes on from one call to the next."""
-
-    query: Query
-    """As it was when the search began; there it starts."""
-    ahead: int
-    """Number on the standing path of the place where it starts; -1 where that was the robot's."""
-    new: bool
-    """Whether it is in its first slice, and may begin anew from a place ahead."""
-    method: DynamicMethod
-    work: Work
-    call: InSlices[Plan]
-    changes: ChangeReader
-    """Of the map, since it began."""
+_Aim = tuple[Cell, float | None]
+"""A goal, and the heading there; None for any."""
 
 
 class DynamicPlanner(OnMap):
@@ -158,24 +136,34 @@ class DynamicPlanner(OnMap):
         return cls(ground, goal, **rest)
 
     _repeated = True
-    _under_way: _UnderWay | None = None
+    _searching: Searching | None = None
+    """A search that goes on."""
+    _no_path: tuple[NoPath, Plan] | None = None
+    """That there is none, for the last such plan."""
     _looks_ahead = True
     """Whether searches may start ahead of the robot: not after one that led to nothing."""
+    _aim: _Aim | None = None
+    """What the standing path was planned to lead to."""
+    _searched = 0
+    """Version of the map on which the search for it began."""
 
     def _make(self) -> None:
         """As `OnMap._make`; the standing path stays, but no lower bound of its cost."""
         super()._make()
         self._path = StandingPath(self._state)
+        self._finder = Finder(self._methods, self._path)
+        self._joiner = Joiner(self._state)
         if self._state.unseen is not None:
             _ = self._methods.blocks
         elif not self.method.whole_map:
             _ = self._methods.descent  # pooled now, so that the first plan does not wait for it
-        if (standing := self._standing) is not None and tuple(standing.path[-1]) == self._goal:
+        standing = self._standing
+        if standing is not None and self._leads_to_goal:
             with suppress(InvalidQueryError):  # it may not be walkable any more
                 self._path.set(replace(standing, lower_bound=0.0))
 
     def _begin_anew(self) -> None:
-        self._stop_searching()
+        self._searching = None
         self._standing = self._path.plan
         super()._begin_anew()
 
@@ -189,6 +177,7 @@ class DynamicPlanner(OnMap):
                 "_heading_deg",
                 "_goal",
                 "_goal_heading_deg",
+                "_aim",
                 "method",
             )
         }
@@ -206,15 +195,27 @@ class DynamicPlanner(OnMap):
 
     @property
     def standing_plan(self) -> Plan | None:
-        """The last plan that had a path."""
-        return self._path.plan
+        """The last plan that had a path to this goal, or for it."""
+        return self._path.plan if self._leads_to_goal else None
+
+    @property
+    def has_path(self) -> bool:
+        """Whether there is a path to follow, to this goal or to where it was before."""
+        return self._path.plan is not None
+
+    @property
+    def _leads_to_goal(self) -> bool:
+        return self._aim == (self._goal, self._goal_heading_deg)
 
     @checked(InvalidQueryError)
     @one_at_a_time
     def set_goal(self, goal: Cell, heading_deg: float | None = None) -> None:
         """Another goal, in which a body arrives as by `goal_heading_deg` of `PlanOptions`; the
-        standing path is forgotten. InvalidQueryError if it is outside the map, or the heading no
+        standing path is none to it. InvalidQueryError if it is outside the map, or the heading no
         number.
+
+        A goal that has moved by less than a quarter of the robot's way to it keeps the search that
+        goes on, see `replan`, and `joined` leads the path there.
         """
         _check_heading(heading_deg)
         cell = as_cell(goal, "goal")
@@ -222,26 +223,47 @@ class DynamicPlanner(OnMap):
             raise InvalidQueryError(f"goal must lie inside the map of {self.shape}, got {cell}")
         self._goal = cell
         self._goal_heading_deg = heading_deg
-        self._path.forget()
-        self._stop_searching()
         self._looks_ahead = True
+        if self._aim is not None and not self._moved_little(self._aim[0]):
+            self._path.forget()
+            self._aim = None
+        if self._searching is not None and not self._moved_little(self._searching.query.goal):
+            self._searching = None
+
+    def _moved_little(self, before: Cell) -> bool:
+        """Whether a path to the goal as it was leads near to the one that is now."""
+        if self._start is None:
+            return False
+        moved = apart((*before, 1, 1), self._goal)
+        return moved <= GOAL_MOVES * apart((*self._start, 1, 1), self._goal)
 
     @property
     def searching(self) -> bool:
         """Whether a search goes on that the next `replan` that `goes_on` takes up."""
-        return self._under_way is not None
+        return self._searching is not None
 
     @property
-    def searching_from(self) -> int:
-        """Number on the standing path of the place, ahead of the robot, from which a search goes
-        on: so far it may drive. -1 without one.
+    def search_due(self) -> bool:
+        """Whether the standing path leads elsewhere than to the goal, as no path led there, and the
+        map has changed since.
         """
-        return -1 if self._under_way is None else self._under_way.ahead
+        standing = self.standing_plan
+        if standing is None or tuple(standing.path[-1].tolist()) == self._goal:
+            return False
+        return self._state.log.version != self._searched
 
-    def _stop_searching(self) -> None:
-        if self._under_way is not None:
-            self._under_way.call.stop()
-        self._under_way = None
+    @one_at_a_time
+    def go_on(self, time_limit_s: float) -> bool:
+        """Use so much time for the search that goes on, of which the next `replan` gives the plan;
+        False where there is nothing to do.
+        """
+        searching = self._searching
+        if searching is None or searching.ended or not searching.is_here:
+            return False
+        self._searching = None  # for good, if it raises
+        searching.go_on(Deadline.within(time_limit_s))
+        self._searching = searching
+        return True
 
     def _changed(self) -> None:
         self._path.catch_up()
@@ -258,7 +280,7 @@ class DynamicPlanner(OnMap):
         """As `Planner.reach`, by default from where the robot is. A search that goes on is
         dropped.
         """
-        self._stop_searching()
+        self._searching = None
         return self._reach(self._where() if start is None else start)
 
     @checked(InvalidQueryError)
@@ -275,6 +297,8 @@ class DynamicPlanner(OnMap):
     @one_at_a_time
     def standing(self) -> Standing:
         """State of the last path on the current map, from the robot's current cell."""
+        if not self._leads_to_goal:
+            return Standing(Footing.NONE)
         return self._path.check(self._where(), self._direction)
 
     @one_at_a_time
@@ -316,6 +340,7 @@ class DynamicPlanner(OnMap):
         time_limit_s: float = math.inf,
         keep_regions: bool = False,
         goes_on: bool = False,
+        approach: bool = False,
     ) -> Plan:
         """A path from the robot's cell to the goal, on the current map.
 
@@ -324,11 +349,14 @@ class DynamicPlanner(OnMap):
         stands in for the planner's own, for which alone `prepare` does all there is to do; time and
         regions as in `PlanOptions`.
 
-        With `goes_on` a search that has no time left is kept, and the next call by the same method
-        goes on with it, however the map and the start have changed: TIMEOUT until its path, from
-        the robot's cell, can be walked on the map as it is then. After its first slice it begins
-        anew from a place ahead on the standing path, see `searching_from`. Of ground that is known
-        coarsely each call searches anew.
+        With `goes_on` a search that has no time left is kept, and goes on with `go_on` and the next
+        call by the same method, however the map and the ends have changed: TIMEOUT until its path,
+        from the robot's cell to the goal, can be walked on the map as it is then. After its first
+        slice it begins anew from a place ahead on the standing path, see `clear_part`. Of ground
+        that is known coarsely each call searches anew.
+
+        With `approach` the path leads as near to the goal as there is a way, where none leads to
+        it: see `approach.place_towards`.
 
         Raises
         ------
@@ -338,85 +366,71 @@ class DynamicPlanner(OnMap):
             The network is needed and cannot be loaded.
         """
         wanted = self.method if method is None else DynamicMethod(method)
-        query = Query.of(
+        options = Options(wanted, keep_regions, approach)
+        query = self._query(time_limit_s)
+        if goes_on and self._state.unseen is None:
+            plan = self._in_slices(query, options)
+        else:
+            self._searching = None
+            self._searched = self._state.log.version
+            plan = self._finder.plan(query, Work(), options)
+        if plan.ok:
+            self._stand(plan)
+            self._looks_ahead = True
+        return self._freed(plan, deadline=query.deadline) if self._refines else plan
+
+    def _query(self, time_limit_s: float) -> Query:
+        return Query.of(
             self._where(),
             self._goal,
             Deadline.within(time_limit_s),
             direction=self._direction,
             wanted=self._arrivals(self._goal_heading_deg),
         )
-        if goes_on and self._state.unseen is None:
-            plan = self._in_slices(query, wanted, keep_regions)
-        else:
-            self._stop_searching()
-            plan = self._planned(query, Work(), wanted, keep_regions)
-        if plan.ok:
-            self._path.set(plan)
-            self._looks_ahead = True
-        return self._freed(plan, deadline=query.deadline) if self._refines else plan
 
-    def _planned(self, query: Query, work: Work, wanted: DynamicMethod, keep_regions: bool) -> Plan:
-        methods = self._methods
-        ways = self._by_figures(query) if wanted is DynamicMethod.AUTO else [methods.way(wanted)]
-        if not wanted.whole_map:
-            ways = [(DynamicMethod.CORRIDOR, _JOINED, self._rejoined), *ways]
-        return methods.plan(query, work, wanted, ways, keep_regions=keep_regions)
+    def _stand(self, plan: Plan) -> None:
+        """Follow a plan's path from now on."""
+        self._path.set(plan)
+        self._aim = (self._goal, self._goal_heading_deg)
 
-    def _in_slices(self, query: Query, wanted: DynamicMethod, keep_regions: bool) -> Plan:
+    def _in_slices(self, query: Query, options: Options) -> Plan:
         """A plan by a search that goes on from call to call; TIMEOUT while it does."""
-        under_way = self._under_way
-        if under_way is not None and under_way.ahead >= 0:
-            standing = self._path.check(query.start, query.direction)
-            if standing.index < 0 or 0 <= standing.blocked <= under_way.ahead:
-                under_way = None  # the robot cannot come to where the search started
-        if under_way is None or under_way.method is not wanted or not under_way.call.is_here:
-            under_way = self._begun(query, -1, wanted, keep_regions)
-        self._under_way = None  # for good, if it raises
-        under_way.work.resumes()
-        plan = under_way.call.work(query.deadline)
+        if self._no_path is not None:
+            no_path, known = self._no_path
+            if options.shows_no_path and no_path.holds(query):
+                return known
+            self._no_path = None
+        searching = self._searching
+        if searching is None or not self._serves(searching, query, options):
+            searching = Searching(self._finder, query, options)
+        self._searching = None  # for good, if it raises
+        plan = searching.go_on(query.deadline)
         if plan is None:
-            under_way.work.pauses()
-            ahead = self._place_ahead(query) if under_way.new else None
-            self._under_way = under_way._replace(new=False)
-            if ahead is not None:
-                # it takes long: so that the robot may drive on meanwhile, from where it will be
-                self._begun(*ahead, wanted, keep_regions)
-            return self._nothing_yet(under_way, _GOES_ON)
-        changed = under_way.changes.read()
-        before = under_way.query
-        moved = (before.start, before.direction) != (query.start, query.direction)
-        if not plan.ok and under_way.ahead >= 0:
-            self._looks_ahead = False
-            return self._nothing_yet(under_way, _NOT_FROM_AHEAD)
-        if not plan.ok:
-            # where cells have only become impassable, there is no path all the more
-            opened = any(change.cheaper for change in changed)
-            return self._nothing_yet(under_way, _CHANGED) if moved or opened else plan
-        if not (moved or changed):
-            return plan
-        return self._from_here(plan, query, under_way) or self._nothing_yet(under_way, _CHANGED)
+            self._searching = self._from_ahead(searching, query) or searching
+            return searching.nothing_yet(_GOES_ON)
+        found = self._by_now(plan, searching, query)
+        if isinstance(found, Plan):
+            self._searched = searching.version
+            return found
+        self._searching = Searching(self._finder, query, options)
+        return searching.nothing_yet(found)
 
-    def _begun(
-        self, query: Query, ahead: int, wanted: DynamicMethod, keep_regions: bool
-    ) -> _UnderWay:
-        """A search that begins, in place of one that is under way."""
-        self._stop_searching()
-        work = Work()
+    def _serves(self, searching: Searching, query: Query, options: Options) -> bool:
+        """Whether a search can be gone on with."""
+        if searching.options != options or not searching.is_here:
+            return False
+        if searching.ahead < 0:
+            return True
+        # the robot must be able to come to where the search started
+        standing = self._path.check(query.start, query.direction)
+        return standing.index >= 0 and not 0 <= standing.blocked <= searching.ahead
 
-        def search(slices: Deadline) -> Plan:
-            in_slices = query._replace(deadline=slices)
-            return self._planned(in_slices, work, wanted, keep_regions)
-
-        changes = self._state.log.reader()
-        new = self._looks_ahead and ahead < 0
-        call = InSlices(search)
-        self._under_way = _UnderWay(query, ahead, new, wanted, work, call, changes)
-        return self._under_way
-
-    def _place_ahead(self, query: Query) -> tuple[Query, int] | None:
-        """Where the robot can be soon, following what is clear of the standing path: the query
-        from there, and the number of that place; None without one.
+    def _from_ahead(self, searching: Searching, query: Query) -> Searching | None:
+        """In place of a search that takes long: one from where the robot can be soon, so that it
+        may drive on meanwhile along what is clear of the standing path; None without such a place.
         """
+        if not self._looks_ahead or searching.ahead >= 0 or searching.slices > 1:
+            return None
         standing = self._path.check(query.start, query.direction)
         plan = self._path.plan
         if plan is None or standing.index < 0:
@@ -429,64 +443,96 @@ class DynamicPlanner(OnMap):
         # a body comes to a cell as it left the one before; on arcs its state is known
         heading = plan.headings_deg[at - 1 if plan.states is None else at]
         direction = self._state.grid.robot.direction(float(heading))
-        return query._replace(start=(row, col), direction=direction), at
+        ahead = query._replace(start=(row, col), direction=direction)
+        return Searching(self._finder, ahead, searching.options, at)
 
-    def _from_here(self, plan: Plan, query: Query, under_way: _UnderWay) -> Plan | None:
-        """A plan that was searched for while the map and the robot's place changed, from there on
-        the map as it is; None where it cannot be driven.
+    def _by_now(self, plan: Plan, searching: Searching, query: Query) -> Plan | str:
+        """A plan that was searched for while the map, the robot and the goal moved, as it is by
+        now; or why the search begins anew.
+        """
+        began = searching.query
+        grid = self._state.grid
+        if plan.status is Status.NO_PATH and searching.options.shows_no_path:
+            no_path = NoPath(grid, began, self._methods.exhausted, searching.changes)
+            self._no_path = no_path, plan
+        ends = (began.start, began.direction, began.goal)
+        moved = ends != (query.start, query.direction, query.goal)
+        if not (moved or searching.changes.peek()):
+            return plan
+        if plan.ok:
+            before = self._path.plan
+            standing = self._path.check(query.start, query.direction)
+            way = plan.walked
+            if before is not None and 0 <= standing.index <= searching.ahead:
+                # the standing path as far as where the search started, and on along the new one
+                way = np.concatenate((before.walked[standing.index : searching.ahead], way))
+            led = self._led(plan, way, query, to_goal=began.goal != query.goal)
+            return led or _CHANGED
+        if self._no_path is not None and self._no_path[0].holds(query):
+            return plan
+        self._no_path = None
+        if plan.status is problem_with(grid, query.start, query.goal):
+            return plan
+        self._looks_ahead = searching.ahead < 0
+        return _CHANGED if self._looks_ahead else _NOT_FROM_AHEAD
+
+    def _led(self, plan: Plan, way: Int32, query: Query, *, to_goal: bool) -> Plan | None:
+        """A plan whose path leads from the query's start along a way, and with `to_goal` on to its
+        goal; None where that cannot be driven on the map as it is.
+        """
+        grid = self._state.grid
+        index = self._path.number_on(way, query.start, query.direction)
+        path = self._joiner.joined(way, index, query, to_goal=to_goal)
+        if path is None or grid.walk(path, 0, np.empty(len(path))) >= 0:
+            return None
+        cost, length, traverse_cost = grid.costs_of(path)
+        led = replace(
+            plan,
+            path=np.ascontiguousarray(path[:, :2]),
+            states=path[:, 2].copy() if plan.states is not None else None,
+            cost=cost,
+            length=length,
+            traverse_cost=traverse_cost,
+            lower_bound=min(cost, grid.least_cost(query.start, query.goal)),
+            known=len(path),
+            region=None,
+            network_region=None,
+            waypoints=None,
+            line_cost=math.inf,
+        )
+        return led.over(self._state)
+
+    @one_at_a_time
+    def joined(self) -> Plan | None:
+        """The standing path, led by short searches from where the robot is, and to the goal that
+        has moved; it is the standing one from now on. None where that is not possible in some
+        milliseconds, and on ground that is known coarsely.
         """
         before = self._path.plan
-        standing = self._path.check(query.start, query.direction)
-        work = under_way.work
-        if before is not None and 0 <= standing.index <= under_way.ahead:
-            # the standing path as far as where the search started, and on along the new one
-            way = before.walked[standing.index : under_way.ahead]
-            path = np.concatenate((way, plan.walked))
-            bound = self._state.grid.least_cost(query.start, query.goal)
-            return self._driven(Search(Status.OK, path, 0, bound), work)
-        try:
-            self._path.set(replace(plan, lower_bound=0.0))
-        except InvalidQueryError:
+        if before is None or self._state.unseen is not None:
             return None
-        standing = self._path.check(query.start, query.direction)
-        if standing.valid:
-            rest = plan.rest(standing.index)
-            known = replace(rest, cost=standing.cost, lower_bound=standing.lower_bound)
-            return known.over(self._state)
-        # the robot has gone on beside it meanwhile: a way there, which is short
-        if self._methods.arcs is None:
-            return self._joined(query, work)
-        found = self._rejoined(query, work)
-        return None if found is None else self._driven(found.search, work)
+        query = self._query(1e-3 * JOIN_MS)
+        plan = self._led(before, before.walked, query, to_goal=not self._leads_to_goal)
+        if plan is not None:
+            self._stand(plan)
+        return plan
 
-    def _driven(self, search: Search, work: Work) -> Plan | None:
-        """The plan of a path that joins another; None where it cannot be driven."""
-        if self._state.grid.walk(search.path, 0, np.empty(len(search.path))) >= 0:
-            return None
-        found = Found.of(self._state.grid, search, Source.STANDING, None, work)
-        return found.plan(DynamicMethod.CORRIDOR, work, self._state, choice=_JOINED)
-
-    def _joined(self, query: Query, work: Work) -> Plan | None:
-        """A way to a place ahead on the standing path, and on along that; None where there is none
-        soon.
+    @one_at_a_time
+    def clear_part(self) -> Plan | None:
+        """The standing path as far as the place ahead of the robot from which a search goes on: so
+        far it may drive. None without one, and where that is not clear.
         """
-        rest = self._path.rest(query.start, query.direction)
-        if rest is None:
+        searching = self._searching
+        plan = self._path.plan
+        if searching is None or plan is None:
             return None
-        ahead = min(JOIN_AHEAD, len(rest.states) - 1)
-        if ahead < len(rest.states) - 1:
-            row, col = rest.states[ahead].tolist()
-            query = query._replace(goal=(row, col), wanted=None)
-        way = self._methods.astar.search(query, work, None, limit=AGAIN_EXPANSIONS)
-        if way.status is not Status.OK:
+        standing = self._path.check(self._where(), self._direction)
+        end = searching.ahead
+        if not 0 <= standing.index < end or 0 <= standing.blocked <= end:
             return None
-        path = np.concatenate((way.path, rest.states[ahead + 1 :]))
-        return self._driven(Search(Status.OK, path, 0, rest.bound), work)
-
-    def _nothing_yet(self, under_way: _UnderWay, reason: str) -> Plan:
-        """No plan, as a search has not ended, or in vain."""
-        nothing = Found.too_late(Source.REGION)
-        return nothing.plan(under_way.method, under_way.work, self._state, reason=reason)
+        part = plan.rest(standing.index, end + 1)
+        cost, _, _ = self._state.grid.costs_of(part.walked)
+        return replace(part, cost=cost, lower_bound=0.0)
 
     @checked(InvalidQueryError)
     @one_at_a_time
@@ -496,19 +542,6 @@ class DynamicPlanner(OnMap):
         numbers along it.
         """
         return self._freed(plan) if self._refines else plan.over(self._state)
-
-    def _rejoined(self, query: Query, work: Work) -> Found | None:
-        """A body's way along arcs to the standing path, and on along that; None without one."""
-        arcs = self._methods.arcs
-        rest = None if arcs is None else self._path.rest(query.start, query.direction)
-        return None if arcs is None or rest is None else arcs.rejoin(query, work, rest)
-
-    def _by_figures(self, query: Query) -> Sequence[Way]:
-        """How ``auto`` finds a path, and why so."""
-        methods = self._methods
-        if query.apart < NEAR and methods.arcs is None:
-            return methods.near_ways(_CORRIDOR)
-        return [methods.way(DynamicMethod.CORRIDOR, _CORRIDOR)]
 
     @property
     def _direction(self) -> int:

@@ -16,42 +16,58 @@ from nnpp_edge.runtime.deadline import NEVER, Deadline
 R = TypeVar("R")
 
 
-class InSlices(Deadline, Generic[R]):
-    """A call, which is given this as its deadline: it never passes, but searches pause by it.
+class _Slices(Deadline):
+    """The deadline of a call in slices: it never passes, but searches pause by it."""
 
-    It is worked at by the thread that made it, and `stop` is to be called unless it has ended.
+    def __init__(self) -> None:
+        super().__init__()
+        self.slice = NEVER
+
+    @property
+    def until(self) -> float:
+        """When the slice ends."""
+        return self.slice.at
+
+    def goes_on(self) -> bool:
+        """True, after a pause if the slice is over."""
+        if self.slice.passed:
+            parent = getcurrent().parent
+            assert parent is not None
+            parent.switch(None)
+        return True
+
+
+class InSlices(Generic[R]):
+    """A call, which is given a deadline that makes it pause, and works in one thread alone.
+
+    Where this is dropped before the call has ended, the call lets go of all that it holds, once
+    what it had to tidy up is done. So the call must not refer to what holds this.
     """
 
     def __init__(self, call: Callable[[Deadline], R]) -> None:
-        super().__init__()
-        self._slice = NEVER
+        self._slices = _Slices()
         self._greenlet = greenlet(call)
         self._thread = threading.get_ident()
+        self._result: R | None = None
 
     @property
     def is_here(self) -> bool:
         """Whether this thread began it: no other can go on with it."""
         return self._thread == threading.get_ident()
 
+    @property
+    def ended(self) -> bool:
+        """Whether the call has returned."""
+        return self._result is not None
+
     def work(self, until: Deadline) -> R | None:
         """Go on until then: what the call returns, or None while it has not ended."""
-        self._slice = until
-        self._greenlet.parent = getcurrent()
-        return cast(R | None, self._greenlet.switch(self))
+        if self._result is None:
+            self._slices.slice = until
+            self._greenlet.parent = getcurrent()
+            self._result = cast(R | None, self._greenlet.switch(self._slices))
+        return self._result
 
-    def stop(self) -> None:
-        """Let go of the call; what it had to tidy up is done, by its thread."""
+    def __del__(self) -> None:
         if self.is_here:
             self._greenlet.throw()
-
-    @property
-    def until(self) -> float:
-        """When the slice ends."""
-        return self._slice.at
-
-    def goes_on(self) -> bool:
-        """True, after a pause if the slice is over."""
-        if self._slice.passed:
-            assert self._greenlet.parent is not None
-            self._greenlet.parent.switch(None)
-        return True

@@ -191,14 +191,11 @@ class StandingPath:
         if self.plan is None:
             return Standing(Footing.NONE)
         path = self.plan.path
+        way = self.plan.walked
         grid = self._grid
-        here = (path[:, 0] == at[0]) & (path[:, 1] == at[1])
-        if direction >= 0 and self.plan.states is not None:  # such a path may cross itself
-            here &= self.plan.states % DIRECTION_COUNT == direction
-        hits = np.flatnonzero(here)
-        if not len(hits):
+        index = self.number_on(way, at, direction)
+        if index < 0:
             return Standing(Footing.OFF_PATH)
-        index = int(hits[0])
         goal = (int(path[-1, 0]), int(path[-1, 1]))
         walked = float(self._walked[index])
         straight = grid.least_cost(at, goal)
@@ -206,13 +203,28 @@ class StandingPath:
         floor, lower = (
             max(bound, straight) for bound in self._bounds_now(rest, at, goal, direction)
         )
-        blocked = self._grid.walk(self.plan.walked, index, self._scratch)
+        blocked = self._grid.walk(way, index, self._scratch)
         if blocked >= 0:
             cell = int(path[blocked, 0]), int(path[blocked, 1])
             return Standing(Footing.BLOCKED, index, cell, blocked, lower_bound=lower, floor=floor)
         cost = float(self._scratch[-1])
         bounds = (min(lower, cost), min(floor, cost))
         return Standing(Footing.VALID, index, None, -1, cost, *bounds)
+
+    @staticmethod
+    def number_on(way: Int32, at: Cell, direction: int) -> int:
+        """Number of the first state of a way, as `Plan.walked`, in which a robot is that heads in a
+        direction; -1 where it is beside it.
+        """
+        here = (way[:, 0] == at[0]) & (way[:, 1] == at[1])
+        if direction >= 0 and way.shape[1] > 2:  # such a path may cross itself
+            here &= way[:, 2] % DIRECTION_COUNT == direction
+        hits = np.flatnonzero(here)
+        return int(hits[0]) if len(hits) else -1
+
+    def ends_at(self, goal: Cell) -> bool:
+        """Whether the path leads to this cell."""
+        return self.plan is not None and tuple(self.plan.path[-1].tolist()) == goal
 
     def passed(self, row: float, col: float, heading_deg: float) -> Departure | None:
         """The state that a body has passed last, where it drives along the path's arcs and the one

@@ -9,14 +9,25 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
 from nnpp_edge.runtime.arrays import Bool, Cells, Float32s, Floats
-from nnpp_edge.runtime.cells import Cell, Rectangle
+from nnpp_edge.runtime.cells import Cell, Rectangle, widened
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.nodes import COL_STEP, ROW_STEP
 from nnpp_edge.runtime.kernels.paths import measure, walk
 from nnpp_edge.runtime.kernels.records import Hints
-from nnpp_edge.runtime.search.astar import Links, Query, Search, Spreading, astar, spreading
+from nnpp_edge.runtime.search.astar import (
+    Links,
+    Query,
+    Search,
+    Spreading,
+    astar,
+    settle_all,
+    spreading,
+)
 from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.terrain.step_cost import SQRT2
@@ -263,6 +274,25 @@ class Robot:
         whether from the start; else from the goal.
         """
         return grid.inner(memory.reached(deadline)), True
+
+    def may_open(self, grid: "Grid", query: Query, memory: Workspace, part: Rectangle) -> bool:
+        """Whether a way out of the places that a search came to, which found no path for a query,
+        can have opened where a rectangle of the map has changed.
+        """
+        nodes = grid.nodes(widened(part, (2, 2), grid.shape))
+        came = np.isfinite(memory.costs(nodes.ravel())).reshape(nodes.shape)
+        around = sliding_window_view(np.pad(came, 1), (3, 3)).any((2, 3))
+        beside = nodes[around & ~came]
+        return any(self.stands_at(grid, grid.cell(node)) for node in beside.tolist())
+
+    def costs_of_cells(
+        self, grid: "Grid", start: Cell, memory: Workspace, deadline: Deadline
+    ) -> Float32s:
+        """(H, W) costs of ways from a cell to all others, inf where there are none; of a body they
+        are those of cells, whatever the direction, and promise too little.
+        """
+        settle_all(grid, start, memory, deadline=deadline)
+        return self.with_heights(grid.inner(memory.costs()), start)
 
     def why_ended(
         self, grid: "Grid", start: Cell, goal: Cell, memory: Workspace, deadline: Deadline

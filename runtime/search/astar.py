@@ -191,14 +191,17 @@ def run(
     workspace: Workspace,
     most: int,
     deadline: Deadline,
+    *,
+    anew: bool = True,
 ) -> Parts:
     """The outcome of a search's kernel after at most so many expansions more, or at the deadline;
-    the open list grows as it needs.
+    the open list grows as it needs. What the last search in this memory found stays, unless
+    `anew`.
     """
     begun = 0
     if ends.start == ON:
         begun = int(workspace.counts[EXPANSIONS])
-    else:
+    elif anew:
         workspace.next_stamp()
     left = most
     while True:
@@ -254,11 +257,17 @@ def spreading(grid: "Grid", links: Links = None) -> Spreading:
     return Spreading(kernels.expand, (*steps, kernels.NO_REGION, kernels.NO_HINTS), rule)
 
 
-def settle_all(grid: "Grid", source: Cell, workspace: Workspace, links: Links = None) -> None:
+def settle_all(
+    grid: "Grid",
+    source: Cell,
+    workspace: Workspace,
+    links: Links = None,
+    deadline: Deadline = NEVER,
+) -> None:
     """Search from a passable cell until nothing is left: the workspace then holds every cell's cost
-    from there.
+    from there. OutOfTimeError at the deadline.
     """
-    for _ in _settling(grid, source, workspace, links):
+    for _ in _settling(grid, source, workspace, links, deadline=deadline):
         pass
 
 

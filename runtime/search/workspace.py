@@ -122,6 +122,14 @@ class Workspace:
         ).min(1)
         return found
 
+    def came_to(self, node: int, direction: int) -> bool:
+        """Whether the newest search came to a node: to all of its states, or to that of a body that
+        heads in this direction.
+        """
+        words = self.meta[1::2].reshape(-1, self.states)[node]
+        came = words >> STAMP_SHIFT == self.stamp
+        return bool(came[direction] if direction >= 0 and self.states > 1 else came.all())
+
     def reached(self, deadline: Deadline = NEVER) -> Bool:
         """(N,) nodes to which the newest search came, in any state. It pauses as searches do."""
         words = self.meta[1::2].reshape(-1, self.states)

@@ -358,3 +358,41 @@ def test_a_warm_up_tells_how_many_versions_are_kept(folder, monkeypatch):
     monkeypatch.setattr(warmup, "_WATCH_S", 0.01)
     warmup.warm_up(keep_old=True, jobs=1, progress=progress)
     assert told == sorted(told) and told[-1] == 1
+
+
+@pytest.fixture
+def interrupted(folder, monkeypatch):
+    """A kernel that is kept, of which Ctrl-C comes while its file is read, or before it is compiled."""
+    compilations(double, 2)
+
+    def interrupt(method):
+        plain = getattr(cache.KernelCache, method)
+
+        def struck(self, *given):
+            signal.raise_signal(signal.SIGINT)
+            return plain(self, *given)
+
+        monkeypatch.setattr(cache.KernelCache, method, struck)
+        return compiling.kernel(double)
+
+    return interrupt
+
+
+def test_an_interrupt_waits_until_a_kernel_is_loaded(interrupted, monkeypatch):
+    fresh = interrupted("_load")
+    with pytest.raises(KeyboardInterrupt):
+        fresh(2)
+    assert len(fresh.overloads) == 1 and sum(fresh.stats.cache_misses.values()) == 0
+    monkeypatch.undo()
+    assert fresh(2) == 4
+    with pytest.raises(KeyboardInterrupt):  # later ones come at once
+        signal.raise_signal(signal.SIGINT)
+
+
+def test_an_interrupt_does_not_wait_until_a_kernel_is_compiled(interrupted, monkeypatch):
+    fresh = interrupted("_find")
+    with pytest.raises(KeyboardInterrupt):
+        fresh(2.5)
+    assert not fresh.overloads
+    monkeypatch.undo()
+    assert fresh(2.5) == 5.0

@@ -17,7 +17,7 @@ from nnpp_edge.runtime import (
     Status,
     Vehicle,
 )
-from nnpp_edge.runtime.loop.approach import place_towards
+from nnpp_edge.runtime.planners.approach import place_towards
 from tests.strategies import flat
 
 STEP = 1.0 + 2 * 2.805 * 0.2
@@ -116,7 +116,7 @@ def test_quick_answers_without_a_path_are_no_reason_to_trust_a_slow_method(monke
     navigator = Navigator(Ground(two_lanes()), "astar", clock=clock)
     replan = navigator.planner.replan
 
-    def answer(method=None, time_limit_s=0.0, goes_on=False):
+    def answer(method=None, time_limit_s=0.0, **options):
         asked.append(method)
         if len(asked) == 1:
             clock.now += 1.0

@@ -5,11 +5,15 @@ More maps: ``NNPP_EDGE_MAPS=500 pytest tests/runtime/test_slices.py``.
 """
 
 import copy
+import gc
 import itertools
 import math
 import os
+import weakref
+from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,6 +22,7 @@ from nnpp_edge.runtime import (
     DynamicPlanner,
     Goal,
     Ground,
+    Loop,
     MapPatch,
     Method,
     Navigator,
@@ -30,6 +35,9 @@ from nnpp_edge.runtime import (
 from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseLevel
 from nnpp_edge.runtime.planners.dynamic import DynamicMethod
+from nnpp_edge.runtime.planners.searching import Options, Searching
+from nnpp_edge.runtime.planners.standing_path import Footing
+from nnpp_edge.runtime.search.astar import Query
 from tests.pose_oracles import rocks
 from tests.strategies import flat
 
@@ -342,7 +350,7 @@ def detour(robot):
 
 def test_a_long_search_starts_ahead_of_the_robot_and_its_path_leads_there_first(robot, detour):
     planner, first = detour
-    ahead = planner.searching_from
+    ahead = len(planner.clear_part().path) - 1
     assert ahead == 16
     planner.move(tuple(first.path[3].tolist()), float(first.headings_deg[3]))
     plan, _ = sliced(planner)
@@ -358,7 +366,8 @@ def test_where_the_way_to_its_start_is_blocked_a_search_begins_anew(robot, detou
     row, col = first.path[10].tolist()
     planner.update_elevation(row - 1, col - 1, np.full((3, 3), 5.0))
     plan = planner.replan(time_limit_s=0.0, goes_on=True)
-    assert planner.searching_from < 10
+    part = planner.clear_part()
+    assert part is None or len(part.path) <= 10
     if not plan.ok:
         plan, _ = sliced(planner)
     assert plan.ok and tuple(plan.path[0]) == START and planner.first_blocked(plan.walked) < 0
@@ -406,3 +415,161 @@ def test_a_search_that_raised_is_over(robot):
                 planner.replan(time_limit_s=0.0, goes_on=True)
     assert len(raised) == 2 and not planner.searching
     assert sliced(planner)[0].ok
+
+
+# --- the ends move, and the map changes, while a search goes on
+
+
+def test_a_search_is_kept_where_the_goal_moves_a_little_and_its_path_leads_there(robot):
+    planner = moving(robot, rocks(5, *SHAPE, 0.004))
+    goals = itertools.cycle(((103, 104), (103, 100), (105, 101)))
+    plan, slices = sliced(planner, lambda: planner.set_goal(next(goals)))
+    assert plan.ok and slices > 3 and tuple(plan.path[-1].tolist()) == planner.goal
+    assert tuple(plan.path[0]) == START and planner.first_blocked(plan.walked) < 0
+    exact = moving(robot, rocks(5, *SHAPE, 0.004), "astar")
+    exact.set_goal(planner.goal)
+    best = exact.replan().cost
+    assert plan.lower_bound <= best * (1 + 1e-5) and plan.cost <= 1.1 * best
+
+
+def test_a_goal_that_moves_far_drops_the_search_and_the_path(robot):
+    planner = moving(robot, np.zeros(SHAPE))
+    assert planner.replan().ok
+    planner.replan(time_limit_s=0.0, goes_on=True)
+    planner.set_goal((60, 20))
+    assert not planner.searching and planner.joined() is None
+
+
+def test_the_path_to_where_the_goal_was_is_led_on_to_where_it_is(robot, monkeypatch):
+    """While a search is paused in the middle."""
+    monkeypatch.setattr("nnpp_edge.runtime.planners.dynamic.JOIN_MS", 1e6)
+    planner = moving(robot, rocks(5, *SHAPE, 0.004))
+    first = planner.replan()
+    goal = (104, 100)
+    planner.set_goal(goal)
+    assert planner.standing_plan is None and planner.standing().footing is Footing.NONE
+    planner.replan(time_limit_s=0.0, goes_on=True)
+    planner.move(tuple(first.path[2].tolist()), float(first.headings_deg[2]))
+    plan = planner.joined()
+    assert plan.ok and tuple(plan.path[-1].tolist()) == goal and planner.standing().valid
+    assert np.array_equal(plan.path[:20], first.path[2:22]) and plan.waypoints is None
+    assert planner.searching and sliced(planner)[0].ok
+
+
+def test_a_robot_beside_its_path_is_led_back_to_it(robot, monkeypatch):
+    monkeypatch.setattr("nnpp_edge.runtime.planners.dynamic.JOIN_MS", 1e6)
+    planner = moving(robot, np.zeros(SHAPE))
+    planner.replan()
+    planner.move((12, 16), 100.0)
+    plan = planner.joined()
+    assert plan.ok and tuple(plan.path[0]) == (12, 16) and tuple(plan.path[-1]) == GOAL
+    assert plan.states is None or plan.states[0] % 16 == planner.state.grid.robot.direction(100.0)
+    planner.move((12, 60), 100.0)
+    assert planner.joined() is None
+
+
+@pytest.fixture
+def enclosed(robot):
+    """A planner to a goal behind a wall that leaves no way."""
+    dem = walled()
+    dem[58:62] = 5.0
+    return moving(robot, dem)
+
+
+def test_that_there_is_no_path_holds_while_nothing_opens_a_way_and_no_longer(enclosed):
+    """Patches of a centimetre, on both sides of the wall."""
+    rng = np.random.default_rng(3)
+
+    def change():
+        row, col = rng.choice((20, 30, 80, 100)), rng.integers(10, 100)
+        enclosed.update_elevation(row, col, np.full((3, 3), rng.uniform(0.0, 0.01)))
+
+    def seldom():
+        if rng.random() < 0.02:
+            change()
+
+    plan, _ = sliced(enclosed, seldom)
+    assert plan.status is Status.NO_PATH and not enclosed.searching
+    for _ in range(20):
+        change()
+        enclosed.move(START, rng.uniform(60.0, 140.0))
+        assert enclosed.replan(time_limit_s=0.0, goes_on=True).status is Status.NO_PATH
+        assert not enclosed.searching
+    enclosed.update_elevation(58, 50, np.zeros((4, 20)))
+    assert enclosed.replan(time_limit_s=0.0, goes_on=True).status is Status.TIMEOUT
+    assert sliced(enclosed)[0].ok
+
+
+@pytest.mark.parametrize("seed", range(MAPS))
+def test_no_path_is_said_only_while_a_search_from_scratch_finds_none(robot, seed):
+    """Walls that are opened and shut, in small pieces."""
+    rng = np.random.default_rng(seed)
+    dem = walled()
+    dem[58:62] = 5.0
+    dem[:, 58:62] = 5.0
+    planner = moving(robot, dem)
+    said = Counter()
+    for _ in range(40):
+        row, col = rng.integers(54, 64, 2)
+        if rng.random() < 0.5:
+            row = rng.integers(0, SHAPE[0] - 12)
+        else:
+            col = rng.integers(0, SHAPE[1] - 12)
+        planner.update_elevation(row, col, np.full((12, 12), rng.choice((0.0, 0.0, 5.0))))
+        if planner.is_passable(START) and planner.is_passable(GOAL):
+            plan = planner.replan(time_limit_s=0.0, goes_on=True)
+            plan = plan if plan.status is Status.NO_PATH else sliced(planner)[0]
+            exact = moving(robot, planner.state.elevation(), "astar").replan()
+            assert plan.ok == exact.ok
+            said[plan.status] += 1
+    assert len(said) == 2
+
+
+def test_a_goal_without_a_path_is_approached_in_slices(enclosed):
+    def change():
+        enclosed.update_elevation(30, 30, np.full((2, 2), 0.001 * np.random.default_rng().random()))
+
+    plan, _ = sliced(enclosed, change, approach=True)
+    end = tuple(plan.path[-1].tolist())
+    assert plan.ok and end != GOAL and 40 < end[0] < 58 and abs(end[1] - GOAL[1]) < 8
+    assert enclosed.standing().valid and enclosed.search_due
+    again, _ = sliced(enclosed, approach=True)
+    assert tuple(again.path[-1].tolist()) == end and not enclosed.search_due
+
+
+def test_a_planner_that_is_dropped_in_a_search_frees_its_memory_at_once(robot):
+    planner = moving(robot, rocks(5, *SHAPE, 0.004))
+    planner.replan(time_limit_s=0.0, goes_on=True)
+    assert planner.searching
+    held = [weakref.ref(planner), weakref.ref(planner.state), weakref.ref(planner.state.grid)]
+    gc.disable()
+    del planner
+    gc.enable()
+    assert [each() for each in held] == [None] * 3
+
+
+def test_a_loop_searches_on_in_the_time_that_its_ticks_leave(robot):
+    navigator = Navigator(
+        Ground.of_elevation(rocks(5, *SHAPE, 0.004), CELL_M, vehicle=ROBOTS[robot]), slice_ms=0.0
+    )
+    inputs = iter([[Goal(*GOAL), Pose(12.5, 12.5, heading_deg=100.0)]])
+    answers = []
+    source = SimpleNamespace(poll=lambda: next(inputs, []))
+    loop = Loop(navigator, source, rate_hz=20.0, after_tick=answers.append)
+    loop.run(6)
+    assert answers[-1].ok and (answers[0].outcome is Status.TIMEOUT or robot == "point")
+    assert navigator.counters().errors == {}
+
+
+def test_a_search_that_fails_between_ticks_is_counted(robot, monkeypatch):
+    navigator = Navigator(Ground.of_elevation(np.zeros(SHAPE), CELL_M, vehicle=ROBOTS[robot]))
+    monkeypatch.setattr("nnpp_edge.runtime.planners.searching.Searching.go_on", interrupted_by_us)
+    navigator.planner._searching = Searching(
+        navigator.planner._finder, Query(START, GOAL), Options(DynamicMethod.AUTO)
+    )
+    assert not navigator.go_on(0.1) and navigator.counters().errors == {"search": 1}
+    assert not navigator.planner.searching
+
+
+def interrupted_by_us(*given):
+    raise ModelError("no such network")

@@ -74,7 +74,7 @@ class KeptField:
         field = self._workspace.field
         if field is None or _goal_of(query) != self._goal:
             return 0
-        place = (self._workspace, self._region, self._turns)
+        place = (field, self._region, self._turns)
         code, spent, _ = filled(self._grid, query, *place, goal_alone(self._grid, query))
         self._goal = None
         if code == FOUND:

@@ -16,7 +16,14 @@ from nnpp_edge.runtime.robots.body.arcs import direction_near, directions_within
 from nnpp_edge.runtime.robots.body.attitude import PoseCheck, explain
 from nnpp_edge.runtime.robots.body.poses import NO_EDGES, Poses, between
 from nnpp_edge.runtime.robots.body.refusal import why_blocked, why_ended
-from nnpp_edge.runtime.robots.body.search import LastMetres, States, search_states, spreading
+from nnpp_edge.runtime.robots.body.search import (
+    LastMetres,
+    States,
+    costs_of_cells,
+    may_open,
+    search_states,
+    spreading,
+)
 from nnpp_edge.runtime.robots.robot import Edges, PathCosts, Robot
 from nnpp_edge.runtime.search.astar import Links, Query, Search, Spreading
 from nnpp_edge.runtime.search.region import Region
@@ -102,14 +109,18 @@ class BodyRobot(Robot):
         hints: Hints | None = None,
         limit: int | None = None,
     ) -> Search:
-        """As `Robot.search`; a query's last metres are searched once for all of its regions."""
+        """As `Robot.search`; a query's last metres are searched once for all of its regions, and
+        not for a short search.
+        """
+        if limit is not None:
+            return search_states(grid, query, workspace, region, None, limit)
         spent = 0
         if self._last_metres is None or self._last_metres[0] is not query:
             found = LastMetres.to(grid, grid.robot.states(), query, workspace)
             self._last_metres = query, found
             spent = found.expansions if found else 0
         _, last_metres = self._last_metres
-        search = search_states(grid, query, workspace, region, last_metres, limit)
+        search = search_states(grid, query, workspace, region, last_metres)
         return search._replace(expansions=search.expansions + spent)
 
     def spreading(self, grid: "Grid", workspace: Workspace, links: Links = None) -> Spreading:
@@ -192,6 +203,14 @@ class BodyRobot(Robot):
         begun = memory.costs(slice(node, node + 1))[0] == 0.0
         reached = grid.inner(memory.reached(deadline))
         return reached, bool(memory.states > 1 and begun)
+
+    def may_open(self, grid: "Grid", query: Query, memory: Workspace, part: Rectangle) -> bool:
+        return may_open(grid, query, memory, part)
+
+    def costs_of_cells(
+        self, grid: "Grid", start: Cell, memory: Workspace, deadline: Deadline
+    ) -> Float32s:
+        return costs_of_cells(grid, start, memory, deadline)
 
     def why_ended(
         self, grid: "Grid", start: Cell, goal: Cell, memory: Workspace, deadline: Deadline

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from nnpp_edge.runtime.arrays import Bool, Float32s
-from nnpp_edge.runtime.cells import widened
+from nnpp_edge.runtime.cells import Cell, Rectangle, widened
+from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels import expansion as kernels
 from nnpp_edge.runtime.kernels.lattice import (
@@ -24,7 +25,14 @@ from nnpp_edge.runtime.kernels.lattice import (
     least_of_cells,
     trace_states,
 )
-from nnpp_edge.runtime.kernels.nodes import EXHAUSTED, FOUND, PAUSED, STAMP_SHIFT, octile
+from nnpp_edge.runtime.kernels.nodes import (
+    DIRECTION_BITS,
+    EXHAUSTED,
+    FOUND,
+    PAUSED,
+    STAMP_SHIFT,
+    octile,
+)
 from nnpp_edge.runtime.kernels.records import (
     BEST_NODE,
     DOWN,
@@ -56,6 +64,7 @@ from nnpp_edge.runtime.search.astar import (
 from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.tuning import (
+    AGAIN_EXPANSIONS,
     AROUND_GOAL,
     BUCKET_WIDTH_BY_LANDMARKS,
     CHECKED_FROM,
@@ -224,7 +233,7 @@ def search_states(
     workspace: Workspace,
     region: Region | None,
     last_metres: LastMetres | None,
-    limit: int | None,
+    limit: int | None = None,
 ) -> Search:
     """The cheapest path over a body's states, as `robots.Robot.search`.
 
@@ -256,7 +265,7 @@ def search_states(
             last_metres.mark(region, grid.stride)
     # fill it, from the goal to the start
     turns = turns_in_field(grid, query, region)
-    code, spent, refused = filled(grid, query, workspace, region, turns, seeds, most)
+    code, spent, refused = filled(grid, query, field, region, turns, seeds, most)
     if last_metres is not None:
         last_metres.put_into(field)
     if code != FOUND:
@@ -281,18 +290,18 @@ def goal_alone(grid: "Grid", query: Query) -> Seeds:
 def filled(
     grid: "Grid",
     query: Query,
-    workspace: Workspace,
+    field: Workspace,
     region: Region | None,
     turns: Float32s,
     seeds: Seeds,
     most: int = WITHOUT_END,
+    *,
+    anew: bool = True,
 ) -> Parts:
     """What filling the field of a region comes to: the code, the expansions, the least f of a cell
-    that the region refused.
+    that the region refused. Unless `anew` the field holds what it held.
     """
     states = grid.robot.states()
-    field = workspace.field
-    assert states is not None and field is not None
     prices = states.prices
     if region is not None:  # legs alone count
         rays = prices.rays[:DIRECTION_COUNT]
@@ -300,7 +309,39 @@ def filled(
     rule = FieldRule(tuple(_best(grid)), bucket_width(grid), turns)
     before = (states.poses, states.edges, tuple(prices), allowed(region), tuple(seeds))
     ends = Ends(grid.node(*query.goal), grid.node(*query.start))
-    return run(fill_field, before, rule, ends, field, most, query.deadline)
+    return run(fill_field, before, rule, ends, field, most, query.deadline, anew=anew)
+
+
+def may_open(grid: "Grid", query: Query, memory: Workspace, part: Rectangle) -> bool:
+    """As `Robot.may_open`. A field goes on from its cells near the change, as far as that leads; of
+    a search of states it is known only where it came nowhere near.
+    """
+    near = grid.nodes(widened(part, grid.robot.reach, grid.shape)).ravel()
+    costs = memory.costs(near)
+    came = np.isfinite(costs)
+    if memory.states > 1 or not came.any():
+        return bool(came.any())
+    nodes = near[came].astype(np.int32)
+    onwards = memory.meta[2 * nodes + 1] & DIRECTION_BITS
+    while len(memory.entries) < 4 * len(nodes):
+        memory.grow()
+    seeds = Seeds(nodes, costs[came], onwards)
+    free_turns = grid.robot.states().prices.turns[:0]
+    query = query._replace(deadline=NEVER)
+    most = AGAIN_EXPANSIONS
+    code, *_ = filled(grid, query, memory, None, free_turns, seeds, most, anew=False)
+    return bool(code != EXHAUSTED)
+
+
+def costs_of_cells(grid: "Grid", start: Cell, memory: Workspace, deadline: Deadline) -> Float32s:
+    """As `Robot.costs_of_cells`."""
+    field = memory.field
+    assert field is not None
+    everywhere = Query(grid.cell(NOWHERE), start, deadline=deadline)
+    free_turns = grid.robot.states().prices.turns[:0]
+    filled(grid, everywhere, field, None, free_turns, goal_alone(grid, everywhere))
+    deadline.check()
+    return grid.inner(field.costs())
 
 
 def by_field(

@@ -1,15 +1,40 @@
 """Where to go while no path leads to the goal: it may be unknown yet, or shut off."""
 
+from typing import TYPE_CHECKING
+
 import cv2
 import numpy as np
 
 from nnpp_edge.runtime.arrays import Float2D, Mask
 from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.search.astar import Query
+from nnpp_edge.runtime.search.workspace import Workspace
+
+if TYPE_CHECKING:
+    from nnpp_edge.runtime.planners.methods import Methods
 
 _BETTER = 5.0
 """Cells by which another place must be better than the present one: not each patch brings
 another.
 """
+
+
+def near_to_goal(methods: "Methods", query: Query, present: Cell | None) -> Cell:
+    """Where to go while a query has no path; the goal, where it seems to have one.
+
+    `present` as for `place_towards`. OutOfTimeError at the query's deadline.
+    """
+    state = methods.state
+    grid = state.grid
+    robot = grid.robot
+    memory = Workspace(len(grid.weights), robot.states_a_node, sparse=True)
+    beyond = np.zeros(grid.shape, np.bool_)
+    if grid.is_passable(query.goal):
+        beyond = np.isfinite(robot.costs_of_cells(grid, query.goal, memory, query.deadline))
+    beyond[query.goal] = True
+    costs = robot.costs_of_cells(grid, query.start, memory, query.deadline)
+    margin = state.reach_cells + 2
+    return place_towards(query.goal, query.start, costs, beyond, state.unknown(), margin, present)
 
 
 def place_towards(

@@ -1,0 +1,137 @@
+"""A search for a path that goes on from one call to the next."""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+from nnpp_edge.runtime.deadline import Deadline
+from nnpp_edge.runtime.errors import Status
+from nnpp_edge.runtime.planners.methods import Methods, Way
+from nnpp_edge.runtime.planners.plan import DynamicMethod, Plan
+from nnpp_edge.runtime.planners.query import Found, Work
+from nnpp_edge.runtime.planners.slices import InSlices
+from nnpp_edge.runtime.planners.standing_path import StandingPath
+from nnpp_edge.runtime.search.astar import Query
+from nnpp_edge.runtime.tuning import NEAR
+
+_JOINED = "a way to the standing path, and on along that"
+_CORRIDOR = "a new corridor is faster than repairs"
+_NEARER = "no path leads to the goal: as near to it as there is a way"
+
+
+class Options(NamedTuple):
+    """How a path is looked for."""
+
+    method: DynamicMethod
+    keep_regions: bool = False
+    approach: bool = False
+    """Whether the path leads as near to the goal as there is a way, where none leads to it."""
+
+    @property
+    def shows_no_path(self) -> bool:
+        """Whether the last search is one to the goal, whose memory shows that there is no path."""
+        return not self.approach and self.method is not DynamicMethod.DSTAR
+
+
+class Finder(NamedTuple):
+    """What finds a path to a goal. It is no planner: that is free once nobody uses it, though a
+    search that pauses holds all that it needs.
+    """
+
+    methods: Methods
+    path: StandingPath
+
+    def plan(self, query: Query, work: Work, options: Options) -> Plan:
+        """The plan of a query; with `approach` its path may end elsewhere."""
+        plan = self._to_goal(query, work, options)
+        if not options.approach or plan.status not in (Status.NO_PATH, Status.GOAL_BLOCKED):
+            return plan
+        from nnpp_edge.runtime.planners.approach import near_to_goal
+
+        standing = self.path.plan
+        present = None if standing is None else tuple(standing.path[-1].tolist())
+        place = near_to_goal(self.methods, query, present)
+        instead = self._to_goal(query._replace(goal=place, wanted=None), work, options)
+        return replace(instead, choice=_NEARER) if instead.ok else plan
+
+    def _to_goal(self, query: Query, work: Work, options: Options) -> Plan:
+        methods = self.methods
+        wanted = options.method
+        by_figures = wanted is DynamicMethod.AUTO
+        ways = self._by_figures(query) if by_figures else [methods.way(wanted)]
+        if not wanted.whole_map:
+            ways = [(DynamicMethod.CORRIDOR, _JOINED, self._rejoined), *ways]
+        return methods.plan(query, work, wanted, ways, keep_regions=options.keep_regions)
+
+    def _by_figures(self, query: Query) -> list[Way]:
+        """How ``auto`` finds a path, and why so."""
+        methods = self.methods
+        if query.apart < NEAR and methods.arcs is None:
+            return list(methods.near_ways(_CORRIDOR))
+        return [methods.way(DynamicMethod.CORRIDOR, _CORRIDOR)]
+
+    def _rejoined(self, query: Query, work: Work) -> Found | None:
+        """A body's way along arcs to the standing path, and on along that; None without one."""
+        arcs = self.methods.arcs
+        if arcs is None or not self.path.ends_at(query.goal):
+            return None
+        rest = self.path.rest(query.start, query.direction)
+        return None if rest is None else arcs.rejoin(query, work, rest)
+
+
+class Searching:
+    """A search that goes on from one call to the next, while the map, the robot and the goal may
+    move.
+
+    `ahead` is the number on the standing path of the place where it starts; -1 where that was the
+    robot's.
+    """
+
+    def __init__(self, finder: Finder, query: Query, options: Options, ahead: int = -1) -> None:
+        work = Work()
+
+        def search(slices: Deadline) -> Plan:
+            return finder.plan(query._replace(deadline=slices), work, options)
+
+        self.query = query
+        """As it was when the search began; there it starts."""
+        self.options = options
+        self.ahead = ahead
+        self.work = work
+        log = finder.methods.state.log
+        self.version = log.version
+        """Of the map, as it was when the search began."""
+        self.changes = log.reader()
+        """Since then."""
+        self.slices = 0
+        """How many it has had."""
+        self._call = InSlices(search)
+
+    @property
+    def is_here(self) -> bool:
+        """Whether this thread can go on with it."""
+        return self._call.is_here
+
+    @property
+    def ended(self) -> bool:
+        """Whether its plan is there."""
+        return self._call.ended
+
+    def go_on(self, until: Deadline) -> Plan | None:
+        """Search until then; the plan, once that is there."""
+        self.work.resumes()
+        plan = self._call.work(until)
+        self.work.pauses()
+        self.slices += 1
+        return plan
+
+    def nothing_yet(self, reason: str) -> Plan:
+        """TIMEOUT, as there is no plan yet that can be driven."""
+        method = self.options.method
+        return Plan(
+            Status.TIMEOUT,
+            method.base,
+            planner=method,
+            expansions=self.work.expansions,
+            reason=reason,
+            timings_ms=self.work.timings_ms,
+        )
