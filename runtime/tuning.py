@@ -136,14 +136,8 @@ AROUND_GOAL = 4096
 """Expansions from a goal with a heading, by which the field of a body's costs to go begins:
 without them a first plan took 38 ms (256², radius 2 m), with 4,096 22, with half or four times
 as many as long as with these or longer."""
-FIELD_KEPT = 0.02
-"""Share of the map's cells that may change before the field that guides a body's searches to a goal
-is made anew.
-"""
-JOIN_AHEAD, JOIN_BEHIND, JOIN_WITHIN = 64, 16, 8
-"""States ahead of the robot, or behind what is blocked, at which a new way joins the standing path
-of arcs again; and cells from the path at which a robot may be. Joined 64 ahead of what is blocked
-near the robot, 37 of 2,900 ticks found no way within `JOIN_EXPANSIONS` (radius 16 cells)."""
+JOIN_WITHIN = 8
+"""Cells from a path within which a robot is led back to it."""
 BEFORE_BLOCK, MOST_AHEAD = 8, 16
 """Cells before what blocks the standing path, and ahead of the robot, at which a search that takes
 longer than a slice starts: so far the robot drives meanwhile, and waits there."""
@@ -153,9 +147,9 @@ counts as driving along it, the one or the other; or as much of each as leaves o
 each plan began in the body's cell and the nearest of the sixteen headings instead, a car (R = 2 m,
 1 m/s, cells of 0.2 m) that took every new path came to no goal, and 111 of 1,010 ticks were late,
 for 2 goals and none."""
-JOIN_EXPANSIONS, AGAIN_EXPANSIONS = 4096, 8192
-"""Expansions after which the best way to that place is taken, else the path as it stood; and those
-of the cells that a change of the map has opened, where there was no path.
+JOIN_EXPANSIONS, AGAIN_EXPANSIONS = 16384, 8192
+"""Expansions of a search that joins a path; and of the cells that a change of the map has opened,
+where there was no path.
 """
 JOIN_AT = (16, 64)
 """States from the ends of a path at which it is joined to where the robot, or the goal, is by now;
@@ -259,9 +253,10 @@ MOST_JOINED = 3
 """Regions of D* Lite are joined as long as they hold at most so many times the blocks of the
 newest.
 """
-MOST_DRIFT = 1.02
-"""A path that joins the standing one is taken until it may cost so many times what one of a new
-corridor would."""
+MOST_DRIFT, MOST_CHANGED = 1.02, 0.25
+"""A path that is joined to the standing one is taken until it may cost so many times what one of a
+new search would; and, where no old costs are kept, until so large a share of the map has changed.
+"""
 
 # Network
 

@@ -19,13 +19,15 @@ import hashlib
 import os
 import pickle
 import secrets
+import signal
 import sys
+import threading
 import warnings
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import Timer
-from types import FunctionType
+from types import FrameType, FunctionType
 from typing import Any
 
 import numba
@@ -34,7 +36,7 @@ from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 from numba.core.sigutils import normalize_signature
 
-from nnpp_edge.runtime.compiled import interrupts, places
+from nnpp_edge.runtime.compiled import places
 from nnpp_edge.runtime.stopwatch import preparing
 
 NumbaObject = Any
@@ -110,7 +112,7 @@ class KernelCache(NullCache):
                 preparing.ends()
                 return kept
         _compiling.append(notice.begins(_COMPILING))
-        interrupts.come()
+        _let_interrupts_come()
         return None
 
     def _find(self, key: bytes, sig: NumbaObject, target_context: NumbaObject) -> NumbaObject:
@@ -223,3 +225,45 @@ def _write(path: Path, content: bytes) -> None:
         with suppress(OSError):
             temporary.unlink()
         raise
+
+
+class _Held:
+    """What Ctrl-C is to do, and what has come meanwhile."""
+
+    def __init__(self) -> None:
+        self.handler = signal.getsignal(signal.SIGINT)
+        self.came: list[FrameType | None] = []
+        signal.signal(signal.SIGINT, lambda number, frame: self.came.append(frame))
+
+    def let_go(self) -> None:
+        """Handle what came."""
+        signal.signal(signal.SIGINT, self.handler)
+        if self.came and callable(self.handler):
+            self.handler(signal.SIGINT, self.came[0])
+
+
+_held: list[_Held] = []
+
+
+@contextmanager
+def interrupts_wait() -> Iterator[None]:
+    """Within, SIGINT waits for the end, or for a compilation, which takes long.
+
+    numba's tables would else be left with half of what belongs together, and a later call fail.
+    """
+    in_main = threading.current_thread() is threading.main_thread()
+    # only the main thread is interrupted; a handler that Python does not know cannot be put back
+    if not in_main or _held or signal.getsignal(signal.SIGINT) is None:
+        yield
+        return
+    _held.append(_Held())
+    try:
+        yield
+    finally:
+        _let_interrupts_come()
+
+
+def _let_interrupts_come() -> None:
+    if threading.current_thread() is threading.main_thread():
+        while _held:
+            _held.pop().let_go()

@@ -9,8 +9,8 @@ from types import FunctionType
 import numba
 from numba.core.types import unliteral
 
-from nnpp_edge.runtime.compiled import interrupts, places
-from nnpp_edge.runtime.compiled.cache import KernelCache, NumbaObject
+from nnpp_edge.runtime.compiled import places
+from nnpp_edge.runtime.compiled.cache import KernelCache, NumbaObject, interrupts_wait
 
 
 def kernel(function: FunctionType) -> NumbaObject:
@@ -55,7 +55,7 @@ def helper(function: FunctionType, **options: object) -> NumbaObject:
 
         def whole(types: NumbaObject) -> NumbaObject:
             """An interrupt waits while it is loaded."""
-            with interrupts.waiting():
+            with interrupts_wait():
                 return load_or_compile(types)
 
         compiled.compile = whole

@@ -28,16 +28,17 @@ from nnpp_edge.runtime.planners.on_map import (
     one_at_a_time,
     split,
 )
-from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan
-from nnpp_edge.runtime.planners.query import Work, problem_with
+from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan, Source
+from nnpp_edge.runtime.planners.query import Found, Work, problem_with
 from nnpp_edge.runtime.planners.searching import Finder, Options, Searching
 from nnpp_edge.runtime.planners.standing_path import Departure, Footing, Standing, StandingPath
-from nnpp_edge.runtime.search.astar import Query
+from nnpp_edge.runtime.search.astar import Query, Search
 from nnpp_edge.runtime.tuning import BEFORE_BLOCK, GOAL_MOVES, JOIN_MS, MOST_AHEAD
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.terrain.traversability import Traversability
 
+_JOINED = "the path planned before, joined to where the robot is"
 _GOES_ON = "the search goes on"
 _CHANGED = "the map changed while it was searched, which begins anew"
 _NOT_FROM_AHEAD = "no way leads on from where the standing path is clear; it is searched from here"
@@ -244,13 +245,14 @@ class DynamicPlanner(OnMap):
 
     @property
     def search_due(self) -> bool:
-        """Whether the standing path leads elsewhere than to the goal, as no path led there, and the
-        map has changed since.
+        """Whether another path than the standing one is looked for, or is to be: one that leads
+        elsewhere than to the goal, as no path led there, may be out of date.
         """
         standing = self.standing_plan
-        if standing is None or tuple(standing.path[-1].tolist()) == self._goal:
-            return False
-        return self._state.log.version != self._searched
+        if self._searching is not None or standing is None:
+            return True
+        short = tuple(standing.path[-1].tolist()) != self._goal
+        return short and self._state.log.version != self._searched
 
     @one_at_a_time
     def go_on(self, time_limit_s: float) -> bool:
@@ -368,13 +370,15 @@ class DynamicPlanner(OnMap):
         wanted = self.method if method is None else DynamicMethod(method)
         options = Options(wanted, keep_regions, approach)
         query = self._query(time_limit_s)
-        if goes_on and self._state.unseen is None:
+        joins = wanted is DynamicMethod.AUTO and self._leads_to_goal and not self.search_due
+        plan = self._join(query, as_good=True) if joins else None
+        if plan is None and goes_on and self._state.unseen is None:
             plan = self._in_slices(query, options)
-        else:
+        elif plan is None:
             self._searching = None
             self._searched = self._state.log.version
             plan = self._finder.plan(query, Work(), options)
-        if plan.ok:
+        if plan.ok and plan.source is not Source.STANDING:
             self._stand(plan)
             self._looks_ahead = True
         return self._freed(plan, deadline=query.deadline) if self._refines else plan
@@ -388,9 +392,9 @@ class DynamicPlanner(OnMap):
             wanted=self._arrivals(self._goal_heading_deg),
         )
 
-    def _stand(self, plan: Plan) -> None:
-        """Follow a plan's path from now on."""
-        self._path.set(plan)
+    def _stand(self, plan: Plan, excess: float | None = None) -> None:
+        """Follow a plan's path from now on, see `StandingPath.set`."""
+        self._path.set(plan, excess)
         self._aim = (self._goal, self._goal_heading_deg)
 
     def _in_slices(self, query: Query, options: Options) -> Plan:
@@ -466,8 +470,11 @@ class DynamicPlanner(OnMap):
             if before is not None and 0 <= standing.index <= searching.ahead:
                 # the standing path as far as where the search started, and on along the new one
                 way = np.concatenate((before.walked[standing.index : searching.ahead], way))
-            led = self._led(plan, way, query, to_goal=began.goal != query.goal)
-            return led or _CHANGED
+            near = self._path.near(way, query.start, query.direction)
+            led = near and self._led(
+                way, near, query, searching.work, to_goal=began.goal != query.goal
+            )
+            return replace(led, source=plan.source) if led else _CHANGED
         if self._no_path is not None and self._no_path[0].holds(query):
             return plan
         self._no_path = None
@@ -476,46 +483,51 @@ class DynamicPlanner(OnMap):
         self._looks_ahead = searching.ahead < 0
         return _CHANGED if self._looks_ahead else _NOT_FROM_AHEAD
 
-    def _led(self, plan: Plan, way: Int32, query: Query, *, to_goal: bool) -> Plan | None:
-        """A plan whose path leads from the query's start along a way, and with `to_goal` on to its
-        goal; None where that cannot be driven on the map as it is.
+    def _led(
+        self, way: Int32, near: tuple[int, bool], query: Query, work: Work, *, to_goal: bool
+    ) -> Plan | None:
+        """A plan whose path leads from the query's start along a way, which is near there, and with
+        `to_goal` on to its goal; None where that cannot be driven on the map as it is.
         """
         grid = self._state.grid
-        index = self._path.number_on(way, query.start, query.direction)
-        path = self._joiner.joined(way, index, query, to_goal=to_goal)
+        index, beside = near
+        path = self._joiner.joined(way[index:], query, beside=beside, to_goal=to_goal)
         if path is None or grid.walk(path, 0, np.empty(len(path))) >= 0:
             return None
-        cost, length, traverse_cost = grid.costs_of(path)
-        led = replace(
-            plan,
-            path=np.ascontiguousarray(path[:, :2]),
-            states=path[:, 2].copy() if plan.states is not None else None,
-            cost=cost,
-            length=length,
-            traverse_cost=traverse_cost,
-            lower_bound=min(cost, grid.least_cost(query.start, query.goal)),
-            known=len(path),
-            region=None,
-            network_region=None,
-            waypoints=None,
-            line_cost=math.inf,
-        )
-        return led.over(self._state)
+        bound = grid.least_cost(query.start, query.goal)
+        found = Found.of(grid, Search(Status.OK, path, 0, bound), Source.STANDING, None, work)
+        return found.plan(DynamicMethod.CORRIDOR, work, self._state, choice=_JOINED)
 
-    @one_at_a_time
-    def joined(self) -> Plan | None:
-        """The standing path, led by short searches from where the robot is, and to the goal that
-        has moved; it is the standing one from now on. None where that is not possible in some
-        milliseconds, and on ground that is known coarsely.
+    def _join(self, query: Query, *, as_good: bool) -> Plan | None:
+        """The standing path, joined to where the robot and the goal are and led around what blocks
+        it; None where that is not possible soon, or with `as_good` a search may find a better one.
         """
         before = self._path.plan
         if before is None or self._state.unseen is not None:
             return None
-        query = self._query(1e-3 * JOIN_MS)
-        plan = self._led(before, before.walked, query, to_goal=not self._leads_to_goal)
-        if plan is not None:
-            self._stand(plan)
+        if query.deadline.at < math.inf:
+            query = query._replace(deadline=Deadline.within(1e-3 * JOIN_MS))
+        way = before.walked
+        near = self._path.near(way, query.start, query.direction)
+        if near is None:
+            return None
+        standing = self._path.check(query.start, query.direction)
+        plan = self._led(way, near, query, Work(), to_goal=not self._leads_to_goal)
+        if plan is None:
+            return None
+        excess = self._path.excess(plan.cost, near[0])
+        if as_good and not self._path.is_as_good(plan.cost, excess, standing.floor):
+            return None
+        self._stand(plan, excess)
         return plan
+
+    @one_at_a_time
+    def joined(self) -> Plan | None:
+        """The standing path, led by short searches from where the robot is, around what blocks it,
+        and to the goal that has moved; it is the standing one from now on. None where that is not
+        possible in some milliseconds, and on ground that is known coarsely.
+        """
+        return self._join(self._query(1e-3 * JOIN_MS), as_good=False)
 
     @one_at_a_time
     def clear_part(self) -> Plan | None:

@@ -1,8 +1,8 @@
-"""Paths that are made to lead from where the robot is, and to where it is to go, by short searches
-at their ends.
+"""Paths that are made to lead from where the robot is to where it is to go, and around what blocks
+them, by short searches.
 
-A path that was planned some ticks ago, or that is still being driven, seldom has the ends that are
-asked for by now. Both have moved a little, and what lies between them is as good as before.
+A path that was planned some ticks ago seldom has the ends that are asked for by now, and a patch of
+the map may lie on it. What is left of it is as good as before.
 """
 
 from functools import cached_property
@@ -15,7 +15,7 @@ from nnpp_edge.runtime.kernels.lattice import DIRECTION_COUNT
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.search.astar import Query
 from nnpp_edge.runtime.search.workspace import Workspace
-from nnpp_edge.runtime.tuning import JOIN_AT, JOIN_EXPANSIONS, JOIN_WITHIN
+from nnpp_edge.runtime.tuning import JOIN_AT, JOIN_EXPANSIONS
 
 
 class Joiner:
@@ -32,55 +32,62 @@ class Joiner:
         grid = self._grid
         return Workspace(len(grid.weights), grid.robot.states_a_node, sparse=True)
 
-    def joined(self, way: Int32, index: int, query: Query, *, to_goal: bool) -> Int32 | None:
-        """States from a query's start to its goal, for the most part along a way; None where no
-        short search joins them.
+    def joined(self, way: Int32, query: Query, *, beside: bool, to_goal: bool) -> Int32 | None:
+        """States from a query's start to its goal, for the most part along a way, around what
+        blocks it; None where no short search joins them.
 
         Parameters
         ----------
         way : (N, 2) or (N, 3) int32
             As `Plan.walked`.
-        index : int
-            Number of the state in which the robot is; -1 where it is beside the way.
         query
             Its searches are given up at its deadline.
+        beside : bool
+            Whether the robot is not where the way begins.
         to_goal : bool
             Whether the way ends elsewhere than at the goal, and is to be led there.
-
-        The way itself is not checked.
         """
-        on_way = index >= 0
-        if not on_way:
-            away = np.abs(way[:, :2] - np.array(query.start, np.int32)).max(1)
-            index = int(away.argmin())
-            if away[index] > JOIN_WITHIN:
-                return None
-        way = way[index:]
-        if not to_goal:
-            return way if on_way else self._from_start(way, query)
-        led = self._to_goal(way, query)
-        return led if led is None or on_way else self._from_start(led, query)
+        led: Int32 | None = way
+        gap = self._gap(way)
+        if gap is not None:
+            led = self._replaced(way, *gap, query)
+        if to_goal and led is not None:
+            led = self._replaced(led, len(led) - 1, len(led) - 1, query)
+        if beside and led is not None:
+            led = self._replaced(led, 0, 0, query)
+        return led
 
-    def _from_start(self, way: Int32, query: Query) -> Int32 | None:
-        """The way, to a state of which another leads from the query's start."""
-        for ahead in JOIN_AT:
-            at = min(ahead, len(way) - 1)
-            wanted = query.wanted if at == len(way) - 1 else self._alone(way[: at + 1])
-            found = self._search(query._replace(goal=_cell(way[at]), wanted=wanted))
-            if found is not None:
-                return np.concatenate((found, way[at + 1 :]))
-        return None
+    def _gap(self, way: Int32) -> tuple[int, int] | None:
+        """Numbers of the first and the last state of a way that cannot be stepped on; None where it
+        is clear.
+        """
+        costs = np.empty(len(way))
+        first = last = self._grid.walk(way, 0, costs)
+        while 0 <= last < len(way) - 1:
+            blocked = self._grid.walk(way, last, costs)
+            if blocked < 0:
+                break
+            last = max(blocked, last + 1)
+        return None if first < 0 else (first, last)
 
-    def _to_goal(self, way: Int32, query: Query) -> Int32 | None:
-        """The way, from a state of which another leads to the query's goal."""
-        for behind in JOIN_AT:
-            at = max(len(way) - 1 - behind, 0)
-            if at:
-                direction = self._grid.robot.arrival(way[: at + 1])
-                query = query._replace(start=_cell(way[at]), direction=direction)
-            found = self._search(query)
+    def _replaced(self, way: Int32, first: int, last: int, query: Query) -> Int32 | None:
+        """A way in which another leads from some states before its `first` to some behind its
+        `last` state, or from the query's start, or to its goal.
+        """
+        robot = self._grid.robot
+        for apart in JOIN_AT:
+            begin = first - apart
+            end = last + apart
+            part = query
+            if begin > 0:
+                part = part._replace(
+                    start=_cell(way[begin]), direction=robot.arrival(way[: begin + 1])
+                )
+            if end < len(way) - 1:
+                part = part._replace(goal=_cell(way[end]), wanted=self._alone(way[: end + 1]))
+            found = self.search(part)
             if found is not None:
-                return np.concatenate((way[:at], found))
+                return np.concatenate((way[: max(begin, 0)], found, way[end + 1 :]))
         return None
 
     def _alone(self, way: Int32) -> Bool | None:
@@ -88,7 +95,8 @@ class Joiner:
         direction = self._grid.robot.arrival(way)
         return None if direction < 0 else np.arange(DIRECTION_COUNT) == direction
 
-    def _search(self, query: Query) -> Int32 | None:
+    def search(self, query: Query) -> Int32 | None:
+        """The states of a short search; None where it came to nothing."""
         grid = self._grid
         search = grid.robot.search(grid, query, self._memory, None, limit=JOIN_EXPANSIONS)
         return search.path if search.status is Status.OK else None

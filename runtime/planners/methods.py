@@ -37,7 +37,6 @@ from nnpp_edge.runtime.tuning import (
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.network.inference import NetworkModel
-    from nnpp_edge.runtime.planners.arc_corridor import ArcCorridor
     from nnpp_edge.runtime.planners.by_blocks import BlockWay
     from nnpp_edge.runtime.planners.coarse_to_fine import CoarseToFine
     from nnpp_edge.runtime.planners.mending import MendingSearcher
@@ -110,15 +109,6 @@ class Methods:
             set_prices(state.unseen)
 
     # what a method needs is loaded with it
-
-    @cached_property
-    def arcs(self) -> "ArcCorridor | None":
-        """How a body that drives arcs is planned for."""
-        if not self.state.grid.robot.drives_arcs:
-            return None
-        from nnpp_edge.runtime.planners.arc_corridor import ArcCorridor
-
-        return ArcCorridor(self.state, self.astar, self._repeated)
 
     @cached_property
     def regions(self) -> "LearnedRegions":
@@ -217,7 +207,7 @@ class Methods:
         if method is not Method.AUTO:
             unasked = method is Method.NNPP and self.has_poses
             return [self.way(DynamicMethod(method), _UNASKED if unasked else "")]
-        if self.arcs is not None:
+        if self.state.grid.robot.drives_arcs:
             return [self.way(DynamicMethod.CORRIDOR, "arcs are checked where the corridor leads")]
         if self.state.unseen is not None:
             why = "over blocks where the ground is known coarsely"
@@ -294,8 +284,10 @@ class Methods:
                 return by_blocks
         self.state.pyramid_by(query.deadline)
         corridors = self.descent.corridors(query, work, searcher or self.astar, widths)
-        if self.arcs is not None:
-            return self.arcs.find(query, work, corridors, self.search_map)
+        if self.state.grid.robot.drives_arcs:
+            from nnpp_edge.runtime.planners.arc_corridor import in_corridors
+
+            return in_corridors(query, work, corridors, self.search_map)
         for found in corridors:
             if found.suffices(query):
                 return found

@@ -7,13 +7,12 @@ from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.planners.methods import Methods, Way
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Plan
-from nnpp_edge.runtime.planners.query import Found, Work
+from nnpp_edge.runtime.planners.query import Work
 from nnpp_edge.runtime.planners.slices import InSlices
 from nnpp_edge.runtime.planners.standing_path import StandingPath
 from nnpp_edge.runtime.search.astar import Query
 from nnpp_edge.runtime.tuning import NEAR
 
-_JOINED = "a way to the standing path, and on along that"
 _CORRIDOR = "a new corridor is faster than repairs"
 _NEARER = "no path leads to the goal: as near to it as there is a way"
 
@@ -58,24 +57,14 @@ class Finder(NamedTuple):
         wanted = options.method
         by_figures = wanted is DynamicMethod.AUTO
         ways = self._by_figures(query) if by_figures else [methods.way(wanted)]
-        if not wanted.whole_map:
-            ways = [(DynamicMethod.CORRIDOR, _JOINED, self._rejoined), *ways]
         return methods.plan(query, work, wanted, ways, keep_regions=options.keep_regions)
 
     def _by_figures(self, query: Query) -> list[Way]:
         """How ``auto`` finds a path, and why so."""
         methods = self.methods
-        if query.apart < NEAR and methods.arcs is None:
+        if query.apart < NEAR and not methods.state.grid.robot.drives_arcs:
             return list(methods.near_ways(_CORRIDOR))
         return [methods.way(DynamicMethod.CORRIDOR, _CORRIDOR)]
-
-    def _rejoined(self, query: Query, work: Work) -> Found | None:
-        """A body's way along arcs to the standing path, and on along that; None without one."""
-        arcs = self.methods.arcs
-        if arcs is None or not self.path.ends_at(query.goal):
-            return None
-        rest = self.path.rest(query.start, query.direction)
-        return None if rest is None else arcs.rejoin(query, work, rest)
 
 
 class Searching:

@@ -21,7 +21,6 @@ with the plan, less what the robot has walked since. A path on the map as it is 
 import math
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import NamedTuple
 
 import numpy as np
 
@@ -34,7 +33,14 @@ from nnpp_edge.runtime.kernels.paths import remember, savings
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.runtime.robots.body import arcs
-from nnpp_edge.runtime.tuning import JOIN_WITHIN, MOST_LOGGED_CHANGES, ON_ARC, ON_ARC_DEG
+from nnpp_edge.runtime.tuning import (
+    JOIN_WITHIN,
+    MOST_CHANGED,
+    MOST_DRIFT,
+    MOST_LOGGED_CHANGES,
+    ON_ARC,
+    ON_ARC_DEG,
+)
 
 Departure = tuple[Cell, float]
 """A cell, and the heading in degrees in which a body leaves it."""
@@ -100,19 +106,6 @@ class Standing:
         return 1.0 if self.cost == 0.0 else math.inf
 
 
-class Rest(NamedTuple):
-    """The standing path ahead of a robot, on the map as it is now."""
-
-    states: Int32
-    """(N, 2) cells or (N, 3) states; the first is the robot's, or of those nearby the nearest."""
-    clear: int
-    """Number of the state from which on all lead to the goal."""
-    valid: bool
-    """Whether the robot is on it, and all of it is clear."""
-    bound: float
-    """No path from the robot's cell to the goal costs less."""
-
-
 class StandingPath:
     """The path that a robot follows, on a map that changes under it. Serves one thread at a time.
 
@@ -141,10 +134,16 @@ class StandingPath:
         self._walked = self._scratch = np.empty(0)
         self._passed = 0
         """Number of the state that a body has passed last."""
+        self._searched = self._excess = 0.0
+        """What the path cost when it was last searched for, and by how much it costs more since
+        it was joined.
+        """
+        self._changed = 0
+        """Cells that have changed since then, where no old costs are kept."""
 
-    def set(self, plan: Plan) -> None:
+    def set(self, plan: Plan, excess: float | None = None) -> None:
         """Follow this plan's path from now on; the plan must have been made on the map as it is
-        now.
+        now. If it was not searched for, but joined to the one before, that has this `excess`.
 
         InvalidQueryError where it has no path to the goal, or the path cannot be walked.
         """
@@ -155,6 +154,11 @@ class StandingPath:
         walked = np.empty(len(plan.path))
         if self._grid.walk(plan.walked, 0, walked) >= 0:
             raise InvalidQueryError("a standing path must be walkable on the map it was planned on")
+        if excess is None:
+            self._changed = 0
+            self._excess = 0.0
+        self._excess = max(self._excess, excess or 0.0)
+        self._searched = plan.cost - (excess or 0.0)
         self.plan = plan
         self._walked = walked
         self._scratch = np.empty(len(walked))
@@ -222,9 +226,16 @@ class StandingPath:
         hits = np.flatnonzero(here)
         return int(hits[0]) if len(hits) else -1
 
-    def ends_at(self, goal: Cell) -> bool:
-        """Whether the path leads to this cell."""
-        return self.plan is not None and tuple(self.plan.path[-1].tolist()) == goal
+    def near(self, way: Int32, at: Cell, direction: int) -> tuple[int, bool] | None:
+        """Number of the state of a way from which a robot goes on along it, and whether the robot
+        is beside it; None where it is far from it.
+        """
+        index = self.number_on(way, at, direction)
+        if index >= 0:
+            return index, False
+        away = np.abs(way[:, :2] - np.array(at, np.int32)).max(1)
+        index = int(away.argmin())
+        return (index, True) if away[index] <= JOIN_WITHIN else None
 
     def passed(self, row: float, col: float, heading_deg: float) -> Departure | None:
         """The state that a body has passed last, where it drives along the path's arcs and the one
@@ -262,30 +273,24 @@ class StandingPath:
         at = int(plan.path[index, 0]), int(plan.path[index, 1])
         return at, float(plan.headings_deg[index])
 
-    def rest(self, at: Cell, direction: int = -1) -> Rest | None:
-        """The path ahead of a robot in the cell `at`, heading in a direction; None far from it, or
-        without one.
+    def excess(self, cost: float, index: int) -> float:
+        """By how much a path that follows the rest from a state on, for the most part, costs more
+        than that did when it was searched for.
         """
-        standing = self.check(at, direction)
-        if self.plan is None:
-            return None
-        path = self.plan.path
-        index = standing.index
-        if index < 0:
-            away = np.abs(path - np.array(at, np.int32)).max(1)
-            if away[index := int(away.argmin())] > JOIN_WITHIN:
-                return None
-        states = self.plan.walked[index:]
-        clear = 0
-        while (blocked := self._grid.walk(states, clear, self._scratch)) >= 0:
-            clear = blocked
-        goal = int(path[-1, 0]), int(path[-1, 1])
-        return Rest(
-            states,
-            clear,
-            standing.valid,
-            max(standing.lower_bound, self._grid.least_cost(at, goal)),
-        )
+        return cost - self._searched + float(self._walked[index])
+
+    def is_as_good(self, cost: float, excess: float, floor: float) -> bool:
+        """Whether a path of this cost and `excess`, where none costs less than `floor`, is about as
+        good as another search would find.
+
+        Of a robot whose old costs are not kept a better path may open unnoticed, until much of the
+        map has changed.
+        """
+        share = MOST_DRIFT - 1.0
+        better = cost - floor > share * abs(cost)
+        if self._by_parts:
+            better = self._changed > MOST_CHANGED * self._grid.cells
+        return not better and excess <= max(share * abs(cost), self._excess)
 
     def _read_changes(self) -> None:
         """Note what changed nodes weighed when the path was set."""
@@ -293,6 +298,7 @@ class StandingPath:
             self._changes.skip()
         for change in self._changes.read():
             if self._by_parts:
+                self._changed += change.cells
                 self._parts.append(change.part)
                 continue
             self._count = remember(

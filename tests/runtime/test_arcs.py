@@ -26,9 +26,9 @@ from nnpp_edge.runtime import (
 )
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, Status
 from nnpp_edge.runtime.kernels.poses import AXIS_COUNT, FAILS, MOST_CODE
-from nnpp_edge.runtime.planners import arc_corridor
+from nnpp_edge.runtime.planners import joining
 from nnpp_edge.runtime.planners.standing_path import StandingPath
-from nnpp_edge.runtime.robots.body import kept_field, search
+from nnpp_edge.runtime.robots.body import search
 from nnpp_edge.runtime.robots.body.arcs import heading_deg
 from nnpp_edge.runtime.robots.body.primitives import primitives
 from nnpp_edge.terrain.dem import sample_dem
@@ -627,7 +627,7 @@ def test_a_plan_at_the_goal_leaves_no_costs_that_mislead_the_next():
 
 
 def test_a_path_of_arcs_is_left_where_it_is_blocked_and_joined_again(monkeypatch):
-    monkeypatch.setattr(arc_corridor, "JOIN_EXPANSIONS", 1 << 16)
+    monkeypatch.setattr(joining, "JOIN_EXPANSIONS", 1 << 16)
     dem = np.zeros((160, 240))
     moving = DynamicPlanner.of_elevation(dem, CELL_M, (80, 220), vehicle=CAR)
     moving.move((80, 15), 90.0)
@@ -655,7 +655,7 @@ def test_a_path_of_arcs_is_left_where_it_is_blocked_and_joined_again(monkeypatch
     assert (
         again.source is Source.STANDING and again.path[-60:].tolist() == first.path[-60:].tolist()
     )
-    monkeypatch.setattr(arc_corridor, "JOIN_EXPANSIONS", 1)
+    monkeypatch.setattr(joining, "JOIN_EXPANSIONS", 1)
     assert moving.replan().walked.tolist() == again.walked.tolist()
     moving.update_elevation(79, 150, np.full((2, 2), 2.0))
     assert moving.replan().source is Source.REGION  # blocked, and no way found by so few expansions
@@ -663,27 +663,27 @@ def test_a_path_of_arcs_is_left_where_it_is_blocked_and_joined_again(monkeypatch
 
 @pytest.mark.parametrize("seed", [0, 6])
 def test_a_clear_path_is_driven_to_its_end_though_its_dear_part_comes_last(seed, monkeypatch):
-    monkeypatch.setattr(arc_corridor, "JOIN_EXPANSIONS", 1)
+    monkeypatch.setattr(joining, "JOIN_EXPANSIONS", 1)
     vehicle = replace(CAR, turning_radius_m=1.5, reverse_cost=2.0, gear_change_m=2.0)
     dem = rocks(seed, 44, 52, 0.012)
     moving = DynamicPlanner.of_elevation(dem, CELL_M, (35, 44), vehicle=vehicle)
     moving.move((8, 8), 90.0)
-    plan = moving.replan(method="corridor")
+    plan = moving.replan()
     while len(plan.path) > 2:
         moving.move(tuple(plan.path[1].tolist()), float(plan.headings_deg[1]))
-        plan = moving.replan(method="corridor")
+        plan = moving.replan()
         assert plan.source is Source.STANDING
 
 
 def test_a_way_around_what_blocks_the_path_joins_it_close_behind(monkeypatch):
     joined = []
-    search_by_kept = kept_field.KeptField.search
+    search = joining.Joiner.search
 
-    def search(kept, query, state, limit):
-        joined.append(state)
-        return search_by_kept(kept, query, state, limit)
+    def noted(joiner, query):
+        joined.append(query.goal)
+        return search(joiner, query)
 
-    monkeypatch.setattr(kept_field.KeptField, "search", search)
+    monkeypatch.setattr(joining.Joiner, "search", noted)
     moving = DynamicPlanner.of_elevation(np.zeros((80, 240)), CELL_M, (40, 220), vehicle=CAR)
     moving.move((40, 20), 90.0)
     moving.replan()
@@ -705,14 +705,13 @@ def test_a_goal_that_no_arc_leads_to_is_found_out_from_there(method):
     assert "the search from the goal got to" in plan.reason
 
 
-def test_once_much_of_the_map_has_changed_the_costs_to_go_are_found_anew_and_the_path_is_joined():
+def test_once_much_of_the_map_has_changed_a_path_is_searched_for():
     dem = rocks(3, 120, 120, 0.004)
     moving = DynamicPlanner.of_elevation(dem, CELL_M, (100, 100), vehicle=CAR)
     moving.move((15, 15), 130.0)
-    first = moving.replan()
-    dem[90:115, 5:20] += 0.01  # 2.6 % of the map, far from the path
-    moving.update_elevation(90, 5, dem[90:115, 5:20])
-    again = moving.replan()
-    assert (first.source, again.source) == (Source.REGION, Source.STANDING)
-    exact = planner(dem).plan((15, 15), (100, 100), method="astar", start_heading_deg=130.0)
-    assert again.lower_bound <= exact.cost * (1.0 + 1e-5) and again.cost <= 1.02 * exact.cost
+    sources = [moving.replan().source]
+    for side in (25, 60):
+        dem[-side:, :side] += 0.001  # far from the path
+        moving.update_elevation(120 - side, 0, dem[-side:, :side])
+        sources.append(moving.replan().source)
+    assert sources == [Source.REGION, Source.STANDING, Source.REGION]

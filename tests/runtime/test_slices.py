@@ -33,11 +33,10 @@ from nnpp_edge.runtime import (
     Vehicle,
 )
 from nnpp_edge.runtime.errors import ModelError
+from nnpp_edge.runtime.planners import joining
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseLevel
 from nnpp_edge.runtime.planners.dynamic import DynamicMethod
-from nnpp_edge.runtime.planners.searching import Options, Searching
 from nnpp_edge.runtime.planners.standing_path import Footing
-from nnpp_edge.runtime.search.astar import Query
 from tests.pose_oracles import rocks
 from tests.strategies import flat
 
@@ -273,7 +272,8 @@ def test_pauses_are_no_time_of_the_search(robot, monkeypatch):
     assert slices > 1 and sum(plan.timings_ms.values()) == 0.0
 
 
-def test_the_robot_follows_what_is_clear_of_its_path_while_a_search_goes_on(robot):
+def test_the_robot_follows_what_is_clear_of_its_path_while_a_search_goes_on(robot, monkeypatch):
+    monkeypatch.setattr(joining, "JOIN_EXPANSIONS", 1)
     dem = walled()
     ground = Ground.of_elevation(dem, CELL_M, vehicle=ROBOTS[robot])
     navigator = Navigator(ground, slice_ms=0.0)
@@ -335,10 +335,11 @@ def test_why_there_is_no_path_is_told_in_slices_too(robot, monkeypatch):
 
 
 @pytest.fixture
-def detour(robot):
+def detour(robot, monkeypatch):
     """A planner whose standing path is blocked far ahead, and whose search for another goes on from
     a place on it; and that path's plan.
     """
+    monkeypatch.setattr(joining, "JOIN_EXPANSIONS", 1)
     dem = walled()
     planner = moving(robot, dem)
     first = planner.replan()
@@ -563,13 +564,16 @@ def test_a_loop_searches_on_in_the_time_that_its_ticks_leave(robot):
 
 def test_a_search_that_fails_between_ticks_is_counted(robot, monkeypatch):
     navigator = Navigator(Ground.of_elevation(np.zeros(SHAPE), CELL_M, vehicle=ROBOTS[robot]))
-    monkeypatch.setattr("nnpp_edge.runtime.planners.searching.Searching.go_on", interrupted_by_us)
-    navigator.planner._searching = Searching(
-        navigator.planner._finder, Query(START, GOAL), Options(DynamicMethod.AUTO)
-    )
+    slices = []
+
+    def failing(searching, until):
+        slices.append(until)
+        if len(slices) > 1:
+            raise ModelError("no such network")
+
+    monkeypatch.setattr("nnpp_edge.runtime.planners.searching.Searching.go_on", failing)
+    navigator.offer(Goal(*GOAL))
+    navigator.offer(Pose(12.5, 12.5, heading_deg=100.0))
+    assert navigator.tick(deadline=1e12).outcome is Status.TIMEOUT
     assert not navigator.go_on(0.1) and navigator.counters().errors == {"search": 1}
-    assert not navigator.planner.searching
-
-
-def interrupted_by_us(*given):
-    raise ModelError("no such network")
+    assert not navigator.planner.searching and not navigator.go_on(0.1)

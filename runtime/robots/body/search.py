@@ -36,7 +36,6 @@ from nnpp_edge.runtime.kernels.nodes import (
 from nnpp_edge.runtime.kernels.records import (
     BEST_NODE,
     DOWN,
-    GOAL_STATE,
     RIGHT,
     Ends,
     Field,
@@ -351,12 +350,8 @@ def by_field(
     region: Region | None,
     guide: Guide,
     most: int,
-    *,
-    best_so_far: bool = False,
 ) -> Search:
-    """The search over states, once the field is there; with `best_so_far` a path that is known at
-    the limit counts, though it may not be the best.
-    """
+    """The search over states, once the field is there."""
     states = grid.robot.states()
     field = workspace.field
     assert states is not None and field is not None
@@ -402,10 +397,6 @@ def by_field(
         checked = check.expansions
     end = int(workspace.counts[BEST_NODE])
     trace = partial(trace_states, prices=tuple(states.prices), frame=frame)
-    if code == PAUSED and best_so_far and workspace.counts[GOAL_STATE] >= 0:
-        code = FOUND
-        end = int(workspace.counts[GOAL_STATE])
-        length = trace(workspace.meta, end, out=workspace.path)
     found = traced(trace, workspace, code, end, length, expansions + checked, refused)
     if code == EXHAUSTED:
         found = found._replace(exhausted=exhausted)
