@@ -12,6 +12,7 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.kernels.threshold import lowered
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.options import CELLS, METHODS, STATES, STILL
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseLevel
 from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
 from nnpp_edge.runtime.planners.plan import DynamicMethod
@@ -68,12 +69,14 @@ def _exercise_elevations(
     ground = Ground.of_elevation(dem, 1.0, limits, vehicle=vehicle, step_cost=step_cost)
     for lazy in (True, False):
         planner = Planner(ground, model=network, ask_from=0, lazy=lazy)
-        for method in ("astar", "corridor", "nnpp"):
+        for method in STILL if vehicle is None else ("astar", "corridor"):
             planner.plan(start, goal, method=method, refine=refine)
     planner.reach(start)
-    moving = DynamicPlanner(ground, goal, "dstar", model=network)
+    over = STATES if vehicle is not None else CELLS
+    moving = DynamicPlanner(ground, goal, model=network)
     moving.move(start)
-    for method in ("dstar", "corridor-dstar"):
+    kept = [name for name, entry in METHODS.items() if entry.keeps and over in entry.robots]
+    for method in kept or ("corridor",):
         moving.replan(method=method)
         moving.update_elevation(3, 4, dem[:5, :6] + np.float32(0.01))
         moving.update(9, 4, np.full((2, 2), 0.4, np.float32))
@@ -87,7 +90,7 @@ def _exercise_costs(network: NetworkModel) -> None:
     goal = (198, 125)
     planner = Planner(cost, model=network)
     planner.prepare(landmarks=1, goals=[goal])
-    for method in ("astar", "corridor", "nnpp"):
+    for method in STILL:
         planner.plan(start, goal, method=method, refine="any-angle")
     moving = DynamicPlanner(cost, goal, model=network)
     moving.prepare()

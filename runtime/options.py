@@ -7,7 +7,10 @@ default. Nothing heavy is imported, so that `--help` is instant.
 """
 
 import math
-from typing import TYPE_CHECKING, Annotated, NamedTuple, TypedDict
+from collections.abc import Callable
+from functools import cache, partial
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypedDict
 
 from msgspec import Meta
 
@@ -18,19 +21,118 @@ if TYPE_CHECKING:
     from nnpp_edge.runtime.robots.slope.cost import Mobility
     from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
+Find = Callable[..., Any]
+_resolved = cache(resolve_name)
+CELLS = "cells"
+STATES = "states"
+"""What a robot's search goes over: points and discs, and bodies (`robots.robot.CellMoves`)."""
+
+
+class Entry(NamedTuple):
+    """A way of planning. All that commands, page, profiles, docs and planners know of it."""
+
+    name: str
+    help: str
+    find: str
+    """Name of a method of `planners.methods.Methods`, of (query, work); or ``module:function`` of
+    (methods, query, work), imported when first asked for. A `Found`, or None where the next way is
+    to be tried; of a method that `chooses` a list of `Way`s, of (query).
+    """
+    needs: frozenset[str] = frozenset()
+    """Of ``levels`` and ``network``."""
+    bound: float | None = None
+    """No path of it costs more than so many times the optimum: 1 is exact; None is not known."""
+    robots: frozenset[str] = frozenset((CELLS, STATES))
+    """For which robots it is."""
+    instead: tuple[str, str] | None = None
+    """The method that plans for other robots, and why, which their plans tell; else they are
+    refused."""
+    keeps: str = ""
+    """Of one that is kept from query to query, on a map that changes: that whose steps it makes."""
+    chooses: bool = False
+    """Whether it is one of the others, by figures."""
+    in_slices: bool = False
+    """Whether the loop may let it go on from tick to tick."""
+
+    def finder(self, methods: object) -> Find:
+        """What finds, for these `Methods`."""
+        by_itself = ":" in self.find
+        find: Find = _resolved(self.find) if by_itself else getattr(methods, self.find)
+        return partial(find, methods) if by_itself else find
+
+    def refusal(self, over: str) -> str:
+        """Why it does not plan for a robot whose search goes over cells or states; else empty."""
+        if over in self.robots or self.instead is not None:
+            return ""
+        others = ", ".join(each.name for each in METHODS.values() if over in each.robots)
+        kind = "a body" if over == STATES else "a point or a disc"
+        return f"method {self.name!r} does not plan for {kind}: wanted one of {others}"
+
+
+_LEVELS = frozenset(("levels",))
+_NETWORK = frozenset(("levels", "network"))
+_CELLS = frozenset((CELLS,))
+_NO_NETWORK = "no network is used for a vehicle's body: the corridor is as fast, closer to optimal"
+_NO_REPAIRS = "D* Lite does not plan for a vehicle's body: it is searched afresh"
 METHODS = {
-    "auto": "picks one by measured figures, and says why",
-    "astar": "exact, over the whole map",
-    "corridor": "coarse to fine, without learning",
-    "nnpp": "inside the network's region (the paper)",
+    entry.name: entry
+    for entry in (
+        Entry(
+            "auto",
+            "picks one by measured figures, and says why",
+            "choose",
+            _LEVELS,
+            chooses=True,
+            in_slices=True,
+        ),
+        Entry("astar", "exact, over the whole map", "search_map", bound=1.0),
+        Entry(
+            "corridor",
+            "coarse to fine, without learning",
+            "corridor",
+            _LEVELS,
+            in_slices=True,
+        ),
+        Entry(
+            "nnpp",
+            "inside the network's region (the paper)",
+            "network_region",
+            _NETWORK,
+            robots=_CELLS,
+            instead=("corridor", _NO_NETWORK),
+        ),
+        Entry(
+            "dstar",
+            "D* Lite over the whole map: exact, repaired from step to step",
+            "mend_map",
+            bound=1.0,
+            robots=_CELLS,
+            instead=("astar", _NO_REPAIRS),
+            keeps="astar",
+        ),
+        Entry(
+            "corridor-dstar",
+            "D* Lite in the corridor",
+            "mended_corridor",
+            _LEVELS,
+            robots=_CELLS,
+            instead=("corridor", _NO_REPAIRS),
+            keeps="corridor",
+        ),
+        Entry(
+            "nnpp-dstar",
+            "D* Lite in the network's region (the paper's D*NN)",
+            "mended_region",
+            _NETWORK,
+            robots=_CELLS,
+            instead=("corridor", _NO_NETWORK),
+            keeps="nnpp",
+        ),
+    )
 }
-"""Ways of planning, `planners.plan.Method`."""
-REPAIRING_METHODS = {
-    "dstar": "D* Lite over the whole map: exact, repaired from step to step",
-    "corridor-dstar": "D* Lite in the corridor",
-    "nnpp-dstar": "D* Lite in the network's region (the paper's D*NN)",
-}
-"""The others on a map that changes, `planners.plan.DynamicMethod`."""
+"""Ways of planning, by name; those that `keeps` say are for maps that change alone."""
+STILL = {name: entry.help for name, entry in METHODS.items() if not entry.keeps}
+"""Names and words of the ways of planning on a map that stands."""
 STEP_COSTS = {
     "paper": "ground (paper)",
     "tobler": "time on foot (Tobler)",
@@ -120,7 +222,7 @@ class PlanOptions(TypedDict, total=False):
         str,
         Meta(
             description="Way of planning; auto, the default, picks one.",
-            extra={"choices": METHODS},
+            extra={"choices": STILL},
         ),
     ]
     """``astar``: exact, over the whole map. ``corridor``: coarse to fine. ``nnpp``: inside the

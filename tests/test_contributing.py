@@ -99,8 +99,8 @@ def test_every_choice_by_name_is_there_and_documented():
     assert set(SLOPE_COSTS) == fields == documented == set(options.STEP_COSTS) - {"paper"}
     assert all(hasattr(runtime, kind.__name__) for kind in SLOPE_COSTS.values())
     assert all(kind.unit == "s" for kind in SLOPE_COSTS.values() if kind.function)
-    assert set(runtime.Method) == set(options.METHODS)
-    assert set(runtime.DynamicMethod) == {*options.METHODS, *options.REPAIRING_METHODS}
+    assert set(runtime.Method) == set(options.STILL)
+    assert set(runtime.DynamicMethod) == set(options.METHODS)
 
 
 def test_the_citation_and_the_changelog_name_this_version():

@@ -240,7 +240,7 @@ def _stamp(found: Results) -> str:
 class _Formatter(string.Formatter):
     """Python's formatting, and the forms ``ms`` and ``pc``."""
 
-    def format_field(self, value: Any, form: str) -> str:
+    def format_field(self, value: float, form: str) -> str:
         if form == "ms":
             form = ".3g" if value < 1e3 else ",.0f"
         elif form == "pc":

@@ -163,7 +163,7 @@ class Near(NamedTuple):
     @classmethod
     def of(cls, dem: Dem, ground: Ground, cost: Float2D, planner: Planner) -> "Near":
         """The whole of a map in memory."""
-        poses = planner.state.grid.robot.poses
+        poses = planner.state.grid.robot.moves.poses
         return cls(dem, dem.elevation, cost, ground.limits, ground.vehicle, poses)
 
 

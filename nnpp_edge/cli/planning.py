@@ -337,7 +337,7 @@ def _route(plan: Plan, cost: Float2D, dem: Dem, ground: Ground, planner: Planner
     route = Route.of(plan.line, plan.along, cost, dem)
     if ground.vehicle is None:
         return route
-    return replace(route, standing=standing_along(plan, planner.state.grid.robot.poses))
+    return replace(route, standing=standing_along(plan, planner.state.grid.robot.moves.poses))
 
 
 def _by_way_of(planner: Planner, tour: Tour, **options: Unpack[PlanOptions]) -> Plan:

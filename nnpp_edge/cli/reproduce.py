@@ -4,7 +4,7 @@ import json
 from collections import Counter
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import click
 
@@ -63,14 +63,10 @@ def command(
     names = [name for name in EXPERIMENTS if not experiments or name in experiments]
     files = TerrainFiles.or_sample(terrain, rescale, cell_size)
     told = []
-    settings: dict[str, Any] = {
-        "models": both,
-        "seed": seed,
-        "quick": quick,
-        "queries": queries,
-        "again": again,
-    }
-    for made, ran in reproduce(names, files, output, **settings):
+    made_by = reproduce(
+        names, files, output, models=both, seed=seed, quick=quick, queries=queries, again=again
+    )
+    for made, ran in made_by:
         findings = [asdict(finding) for finding in made.findings]
         told.append(
             {"experiment": made.name, "ended": "done" if ran else "skipped", "findings": findings}

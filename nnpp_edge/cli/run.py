@@ -89,7 +89,7 @@ def command(
         *(("--log", wiring.log), ("--view", options.view_file(wiring.view))),
         more_inputs=[model_path(settings.model)],
     )
-    if DynamicMethod(settings.method).asks_network:
+    if "network" in DynamicMethod(settings.method).entry.needs:
         begin_loading(settings.model)
     ground = robot.of_blocks(robot.read(map_file), known) if known else _ground(map_file, robot)
     counters = run(ground, wiring, settings, ticks=ticks, report=partial(click.echo, err=True))

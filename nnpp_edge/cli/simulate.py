@@ -14,7 +14,7 @@ from nnpp_edge.cli.ground_options import GroundOptions, Known
 from nnpp_edge.cli.requests import PLACE, End, Start
 from nnpp_edge.cli.text import aligned, tell
 from nnpp_edge.robot.transports.wiring import View
-from nnpp_edge.runtime.options import METHODS, REPAIRING_METHODS, StepOptions
+from nnpp_edge.runtime.options import METHODS, StepOptions
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.loop.connections import Sink
@@ -46,7 +46,7 @@ def command(
     size: Annotated[int, click.IntRange(16, options.MOST), _SIZE] = 256,
     start: Start | None = None,
     goal: Annotated[End | None, PLACE, _GOAL] = None,
-    method: Annotated[str, click.Choice([*METHODS, *REPAIRING_METHODS])] = "auto",
+    method: Annotated[str, click.Choice([*METHODS])] = "auto",
     model: options.Model = "edge",
     rate: Annotated[float | None, options.RATE, "Ticks a second; else as fast as possible."] = None,
     ticks: Annotated[int, "At most."] = 5000,

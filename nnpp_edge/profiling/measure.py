@@ -14,8 +14,8 @@ from nnpp_edge.profiling.contest import Harness, Record
 from nnpp_edge.profiling.inference import inference_ms
 from nnpp_edge.profiling.machine import Disturbance, EnergyMeter
 from nnpp_edge.profiling.plain_astar import build_graph, search
-from nnpp_edge.profiling.profile_file import SAMPLE, Device, Load, Networks, Profile
-from nnpp_edge.profiling.rivals import EXACT, RivalPlanner
+from nnpp_edge.profiling.profile_file import PLANNERS, SAMPLE, Device, Load, Networks, Profile
+from nnpp_edge.profiling.rivals import RivalPlanner
 from nnpp_edge.profiling.sensors import Sensors
 from nnpp_edge.profiling.suites import (
     SYNTHETIC,
@@ -30,6 +30,7 @@ from nnpp_edge.runtime.arrays import Floats
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError, TerrainError
 from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.options import METHODS, STILL
 from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.vehicle_files import load_vehicle
@@ -150,13 +151,13 @@ def rivals_of(networks: Networks, device: Device) -> list[RivalPlanner]:
     def network(name: str) -> NetworkModel:
         return NetworkModel(name, threads=device.threads)
 
+    asks = [name for name in STILL if METHODS[name].chooses or "network" in METHODS[name].needs]
+    # networks of their own: one that planners share takes the map over whenever the other has
+    # used it
     found = [
-        RivalPlanner(EXACT, Method.ASTAR),
-        RivalPlanner("corridor", Method.CORRIDOR),
-        RivalPlanner("nnpp", Method.NNPP, network(networks.int8)),
-        # a network of its own: one that planners share takes the map over whenever the other has
-        # used it
-        RivalPlanner("auto", Method.AUTO, network(networks.int8)),
+        RivalPlanner(name, Method(name), network(networks.int8) if name in asks else None)
+        for name in PLANNERS
+        if name in STILL
     ]
     others = {"nnpp-fp32": networks.fp32, "paper": networks.paper}
     found[3:3] = [

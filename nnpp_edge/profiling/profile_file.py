@@ -13,13 +13,14 @@ from msgspec.structs import asdict, fields, replace
 
 from nnpp_edge.profiling.contest import Facts
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.options import Omega
+from nnpp_edge.runtime.options import METHODS, STILL, Omega
 from nnpp_edge.runtime.planners.plan import DynamicMethod
 from nnpp_edge.runtime.reading import read_toml
 from nnpp_edge.runtime.terrain.step_cost import PAPER_OMEGA
 from nnpp_edge.terrain.workloads import of_bodies
 
-PLANNERS = ("astar", "corridor", "nnpp", "nnpp-fp32", "paper", "auto")
+_CHOSEN = [name for name in STILL if METHODS[name].chooses]
+PLANNERS = (*(name for name in STILL if name not in _CHOSEN), "nnpp-fp32", "paper", *_CHOSEN)
 SAMPLE = "sample"
 SYNTHETIC = "synthetic"
 LOOP = "loop"

@@ -25,10 +25,11 @@ from nnpp_edge.profiling.profile_file import LOOP, STARTS, SYNTHETIC, Profile
 from nnpp_edge.profiling.rivals import RivalPlanner
 from nnpp_edge.profiling.sensors import Sensors, Throttling, sensor_facts, throttling
 from nnpp_edge.progress import Progress, ignore
+from nnpp_edge.runtime.options import STILL
 from nnpp_edge.terrain.workloads import body_rocks
 
 SCHEMA = 1
-_START_UP = ("astar", "corridor", "nnpp", "auto", LOOP)
+_START_UP = (*STILL, LOOP)
 
 
 def profile_machine(

@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.map.ground import Ground
-from nnpp_edge.runtime.map.kinds import map_state
-from nnpp_edge.runtime.map.state import MapState
+from nnpp_edge.runtime.map.state import MapState, map_state
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.methods import Methods
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan

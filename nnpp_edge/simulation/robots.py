@@ -14,7 +14,7 @@ from nnpp_edge.runtime.arrays import Cells, Float2D, Floats
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.kernels.poses import MOST_CODE
 from nnpp_edge.runtime.map.grid import Grid
-from nnpp_edge.runtime.map.kinds import map_state
+from nnpp_edge.runtime.map.state import map_state
 from nnpp_edge.runtime.robots.body.attitude import costs_at
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.terrain.obstacles import OBSTACLE
@@ -90,7 +90,7 @@ class Robot:
         """(N,) what a cell's length costs a body at places as in `attitude.costs_at`; inf where it
         may not stand.
         """
-        poses = self._grid(values).robot.poses
+        poses = self._grid(values).robot.moves.poses
         assert poses is not None
         return 1.0 + MOST_CODE * float(poses.prices[0]) * costs_at(poses, places)
 

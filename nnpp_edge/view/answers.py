@@ -21,7 +21,7 @@ from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.compiled import notice
 from nnpp_edge.runtime.errors import InvalidQueryError, NnppEdgeError
 from nnpp_edge.runtime.kernels.poses import REFUSALS
-from nnpp_edge.runtime.options import METHODS, STEP_COSTS
+from nnpp_edge.runtime.options import STEP_COSTS, STILL
 from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.reading import refused_as
 from nnpp_edge.runtime.robots.slope.cost import unit_of
@@ -116,7 +116,7 @@ class Answerer:
             "shape": dem.shape,
             "sides_m": (dem.cell_size_m, dem.cell_width_m),
             "known": self.site.blocks[0] if self.site.blocks else 1,
-            "methods": METHODS,
+            "methods": STILL,
             "step_costs": STEP_COSTS,
             "bodies": bodies,
             "asked": self.first,
@@ -157,7 +157,7 @@ class Answerer:
         if question.want == "place":
             words = place_in_words(dem, question.at)
             if not landscape.planner.is_passable(question.at):
-                why = landscape.planner.state.grid.robot.why_blocked(question.at)
+                why = landscape.planner.state.grid.robot.stance.why_blocked(question.at)
                 words.append(f"it cannot stand: {why}" if why else "impassable")
             return {"words": words}, None
         if question.want == "cost":
@@ -199,7 +199,7 @@ def path_answer(site: Site, asked: Asked, landscape: Landscape, plan: Plan) -> A
         "warnings": landscape.warnings,
         "command": command_of(site, asked),
     }
-    if plan.status.endswith("BLOCKED") and landscape.planner.state.grid.robot.poses is None:
+    if plan.status.endswith("BLOCKED") and landscape.planner.state.grid.robot.moves.poses is None:
         end = asked.start if plan.status.startswith("START") else asked.goal
         why = f"{plan.reason}: {ground_in_words(site.dem, end)}"
         answer["figures"] = plan.summary() | {"reason": why}
@@ -216,7 +216,7 @@ def path_answer(site: Site, asked: Asked, landscape: Landscape, plan: Plan) -> A
         ("cost", np.minimum(cost, 1.0), 3),
     ):
         answer[name] = np.round(values.astype(float), digits).tolist()
-    poses = landscape.planner.state.grid.robot.poses
+    poses = landscape.planner.state.grid.robot.moves.poses
     for name, values in standing_along(plan, poses).items():
         if name in ("heading_deg", "tilt_deg", "clearance_m"):
             answer[name] = [None if math.isnan(each) else each for each in values.round(2).tolist()]

@@ -409,7 +409,7 @@ def refused_on(planner: Planner) -> Shade | None:
 
     None without a body, and on maps of more than `MOST_SHOWN` cells.
     """
-    poses = planner.state.grid.robot.poses
+    poses = planner.state.grid.robot.moves.poses
     if poses is None or math.prod(planner.shape) > MOST_SHOWN:
         return None
     return refusals(poses.standing())

@@ -107,7 +107,7 @@ class Ladder:
         self._tolerance = tolerance
         self._count_error = count_error
         self._slice_s = slice_s
-        self._in_slices = planner.method in (DynamicMethod.AUTO, DynamicMethod.CORRIDOR)
+        self._in_slices = planner.method.entry.in_slices
         """Whether the method asked for works so."""
         self._expected_s = 0.0
         """Time that it is expected to take, if not."""
@@ -199,7 +199,7 @@ class Ladder:
     ) -> PathMessage | None:
         """The answer by a new plan, by default by the method asked for."""
         began = tick.clock()
-        in_slices = self._in_slices or method is DynamicMethod.CORRIDOR
+        in_slices = self._in_slices or (method is not None and method.entry.in_slices)
         left_s = tick.left_s
         if in_slices and left_s < math.inf:
             slice_s = self._slice_s

@@ -97,7 +97,7 @@ class Navigator:
         side = range(-snap_radius, snap_radius + 1)
         offsets = sorted(product(side, side), key=lambda offset: math.hypot(*offset))
         self._nearest_first = [each for each in offsets if math.hypot(*each) <= snap_radius]
-        if DynamicMethod(method).asks_network:
+        if "network" in DynamicMethod(method).entry.needs:
             begin_loading(options.get("model", "edge"))
         self.planner = DynamicPlanner(ground, (0, 0), method, refine=refine, **options)
         """Plans on the loop's one map. It belongs to the thread that calls `tick`."""

@@ -142,7 +142,7 @@ class Grid:
         """Least cost of a path between two cells, which may lie outside the map."""
         straight = float(octile.py_func(*start, *goal, *self.prices))
         both = self.holds(start) and self.holds(goal)
-        return straight + self.robot.worth_of_height(start, goal) if both else straight
+        return straight + float(self.robot.price.worth(start, goal)) if both else straight
 
     def complete(self, deadline: Deadline = NEVER) -> None:
         """See to it that all weights are there, and all poses checked; OutOfTimeError at the
@@ -150,7 +150,7 @@ class Grid:
         """
         if self.tiles is not None:
             self.tiles.complete(deadline)
-        self.robot.complete()
+        self.robot.stance.complete()
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -163,13 +163,17 @@ class Grid:
         """
         self.least = least
         self.greatest = greatest
-        self.prices = self.robot.prices(self)
-        """Cost of getting a straight and a diagonal step closer, see `Robot.prices`."""
+        self.prices = self._bounds[:2]
+        """Cost of getting a straight and a diagonal step closer, see `Price.bounds`."""
+
+    @property
+    def _bounds(self) -> tuple[float, float, float]:
+        return self.robot.price.bounds(self, self.robot.moves.shortest)
 
     @property
     def step_ratio(self) -> float:
         """Cost of the dearest step, in times of the cheapest."""
-        return self.robot.greatest(self) / self.prices[0]
+        return self._bounds[2] / self.prices[0]
 
     def measure_bounds(self) -> None:
         """Set the bounds to what the weights are."""
@@ -289,7 +293,7 @@ class Grid:
         self._check(path)
         if len(costs) < len(path):
             raise InvalidQueryError(f"wanted room for {len(path)} costs, got {len(costs)}")
-        return self.robot.walk(self, path, first, costs)
+        return self.robot.price.walk(self, path, first, costs)
 
     def costs_of(self, path: Cells) -> tuple[float, float, float]:
         """Cost, length in cells and CC of a path, summed in float64; inf for an empty one.
@@ -297,7 +301,7 @@ class Grid:
         InvalidQueryError where it leaves the map.
         """
         self._check(path)
-        return self.robot.costs_of(self, path)
+        return self.robot.price.costs_of(self, path)
 
     def _check(self, path: Cells) -> None:
         """InvalidQueryError for a path that leaves the map: kernels would read what lies there."""
@@ -306,7 +310,7 @@ class Grid:
 
     def is_passable(self, cell: Cell) -> bool:
         """Whether a cell of the map can be stood on."""
-        return self.robot.stands_at(self, cell)
+        return self.robot.stance.stands_at(self, cell)
 
 
 def bordered(rows: int, cols: int, *, small: bool = False) -> Float32s:

@@ -1,156 +1,134 @@
-"""A map of heights, and of costs that were told."""
+"""The layers of a map of heights: these, and costs told on it."""
+
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from nnpp_edge.runtime.arrays import Bool, Float2D, Float32s, Floats, as_map
-from nnpp_edge.runtime.cells import Rectangle, patch_at, slices
+from nnpp_edge.runtime.arrays import Bool, Float2D, Floats
+from nnpp_edge.runtime.cells import Rectangle, slices
 from nnpp_edge.runtime.kernels.pooling import FACTOR
-from nnpp_edge.runtime.map.along import Along, Line, crossings, heights_at
-from nnpp_edge.runtime.map.changes import Change
+from nnpp_edge.runtime.map.along import Line, heights_at
 from nnpp_edge.runtime.map.grid import ALL_SEEN, Grid, bordered
 from nnpp_edge.runtime.map.ground import Ground
+from nnpp_edge.runtime.map.layers import Layer, Lowest, Put
 from nnpp_edge.runtime.map.pyramid import coarse_shapes
-from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.tiles import Tiles
-from nnpp_edge.runtime.robots.slope.cost import Mobility, slope_cost_of
+from nnpp_edge.runtime.memory import virtual_zeros
 from nnpp_edge.runtime.terrain.step_cost import StepModel
 from nnpp_edge.runtime.terrain.traversability import relative_heights, traversability_cost
+from nnpp_edge.runtime.tuning import MOST_PRICE
+
+if TYPE_CHECKING:
+    from nnpp_edge.runtime.map.unseen import Unseen
 
 
-class HeightState(MapState):
-    """A map in two layers: heights, and costs that were told. Each patch changes its own layer.
+class Heights(Lowest):
+    """Heights, by whose terms (Eq. 1) cells weigh, tile by tile; over `unseen` blocks, where those
+    are known before.
 
-    A cell costs the greater of what its heights make of it and of what was told, and is shut where
-    either says so. To a body, and where steps cost by the slope, a cost below 1 says nothing but
-    that the cell is not shut.
+    A patch matters to the cells beside it.
     """
 
-    has_heights = True
-    _made_anew = (*MapState._made_anew, "grid")
-    _blocks: Float32s | None = None
-    """(2, I, J) of blocks that are known, as `map.tiles.Tiles` takes them."""
+    name = "heights"
+    rim = 1
 
     def __init__(
-        self, ground: Ground, model: StepModel, corner_cutting: bool, lazy: bool = True
+        self, ground: Ground, model: StepModel, corner_cutting: bool, unseen: "Unseen | None" = None
     ) -> None:
         self._model = model
-        self._corner_cutting = corner_cutting
-        self._lazy = lazy
+        self._cutting = corner_cutting
         self._limits = ground.limits
-        self._mobility = ground.mobility or Mobility()
-        self._slope_cost = slope_cost_of(ground.step_cost, ground.mobility)
-        self.shut_alone = ground.by_slope or ground.vehicle is not None
-        self.heights, self._base = self._heights_of(ground)
-        """(H, W) float32, relative to a height in metres; not finite where unknown. To be read
-        only.
-        """
         self._sides = ground.sides_m
-        super().__init__(ground)
-        self.begin_anew()
-
-    def _heights_of(self, ground: Ground) -> tuple[Float2D, float]:
-        """The map's own heights, and the height in metres that they are relative to."""
+        self.unseen = unseen
         dem = np.asarray(ground.elevation)
-        heights, base = relative_heights(dem)
-        return heights.copy() if np.shares_memory(heights, dem) else heights, base
+        heights, self.base = relative_heights(dem)
+        if unseen is not None:
+            rows, cols = ground.shape
+            heights = virtual_zeros(rows * cols, np.float32).reshape(rows, cols)
+        elif np.shares_memory(heights, dem):
+            heights = heights.copy()
+        self.array = heights
+        """(H, W) float32, relative to `base`; not finite where unknown. To be read only."""
+        self.told: Float2D | None = None
+        """(H, W) of `Told`, which the tiles weigh with these; None while nothing was."""
 
-    def begin_anew(self) -> None:
-        """As `MapState.begin_anew`."""
-        rows, cols = self.heights.shape
-        model = self._model
-        cutting = self._corner_cutting
-        rule = self._limits.rule(*self._sides, scale=model.scale)
+    @property
+    def heights(self) -> "Heights":  # type: ignore[override]
+        return self
+
+    def __getstate__(self) -> dict[str, object]:
+        made = ("grid", "tiles")
+        return {name: value for name, value in vars(self).items() if name not in made}
+
+    def begin(self) -> Grid:
+        rows, cols = self.array.shape
+        blocks = None if self.unseen is None else self.unseen.layers
+        weights = bordered(rows, cols, small=blocks is not None)
+        rule = self._limits.rule(*self._sides, scale=self._model.scale)
         coarsest = FACTOR ** len(coarse_shapes(rows, cols))
-        weights = bordered(rows, cols, small=self._blocks is not None)
-        self.grid = Grid(rows, cols, model, cutting, weights)
-        self._tiles = Tiles(self.heights, rule, weights, cutting, coarsest, self.told, self._blocks)
-        self.grid.compute_by(self._tiles)
-        self._put_robot()
-        super().begin_anew()
-        if not self._lazy:
-            self.grid.complete()
+        self.grid = Grid(rows, cols, self._model, self._cutting, weights)
+        place = (self.array, rule, weights, self._cutting, coarsest)
+        self.tiles = Tiles(*place, self.told, blocks)
+        self.grid.compute_by(self.tiles)
+        if blocks is not None:  # whose prices may be greater than any cost
+            self.grid.set_bounds(self.grid.least, MOST_PRICE * self._model.scale)
+        return self.grid
 
-    def _put_robot(self) -> None:
-        """Put the robot on the map; each kind's room is loaded where there is one."""
-        if self.vehicle is not None:
-            from nnpp_edge.runtime.robots.body.poses import Poses
-            from nnpp_edge.runtime.robots.body.robot import body_robot
+    def read(self, patch: Float2D) -> Float2D:
+        return relative_heights(patch, self.base)[0]
 
-            known = self.known_heights((0, 0, *self.shape))
-            shut = None if self.told is None else self.told >= 1.0
-            terms = self._limits.body_weights
-            scale = self._model.scale
-            poses = Poses(known, self._sides, self.vehicle, terms, scale, shut, self._blocks)
-            self.grid.drive_by(body_robot(poses))
-        if self._slope_cost is not None:
-            from nnpp_edge.runtime.robots.slope.directed import SlopeRobot
-
-            slope_robot = SlopeRobot(self.heights, self._sides, self._slope_cost, self.grid)
-            self.grid.drive_by(slope_robot)
-
-    def update(self, row: int, col: int, patch: Float2D, seen: Bool | None = None) -> Change:
-        """As `MapState.update`."""
-        costs = as_map(patch, "patch")
-        part = patch_at((row, col), costs.shape, self.shape)
-        if self._model.refuses(costs):
-            self._model.refuse(float(np.nanmin(costs)))
-        if self.told is None:
-            self.told = self._tiles.tell_from_now_on()
-            self.grid.pack()
-            for level in self._pyramid.levels[1:] if self._pyramid else ():
-                level.grid.pack()
-        known = ~np.isnan(costs)
-        if seen is not None:
-            known &= seen
-        below = np.float32(0.0) if self.shut_alone else costs
-        told = np.where(costs < 1.0, below, np.float32(np.inf))
-        keeps = self.log.keeps_old_weights
-        change, new = self._tiles.write(part, told, known, told=True, keeps=keeps)
-        return self._noted(change, new)
-
-    def update_elevation(
-        self, row: int, col: int, patch: Float2D, seen: Bool | None = None
-    ) -> Change:
-        """As `MapState.update_elevation`."""
-        heights, _ = relative_heights(patch, self._base)
-        part = patch_at((row, col), heights.shape, self.shape)
-        known = ALL_SEEN if seen is None else seen
-        change, new = self._tiles.write(part, heights, known, keeps=self.log.keeps_old_weights)
-        return self._noted(change, new, heights=True)
-
-    def known_heights(self, part: Rectangle) -> Float2D:
-        """As `MapState.known_heights`."""
-        heights: Float2D = self.heights[slices(part)]
-        return heights
+    def put(self, part: Rectangle, patch: Float2D, seen: Bool | None, *, keeps: bool) -> Put:
+        return self.tiles.write(part, patch, ALL_SEEN if seen is None else seen, keeps=keeps)
 
     def cost(self) -> Float2D:
-        """As `MapState.cost`."""
-        cost = self._cost_by_heights()
-        return cost if self.told is None else np.maximum(cost, self.told)
-
-    def _cost_by_heights(self) -> Float2D:
         dy, dx = self._sides
-        heights = self.known_heights((0, 0, *self.shape)).copy()
-        return traversability_cost(heights, dy, self._limits, cell_width_m=dx, warn=False)
+        known = self.known((0, 0, *self.array.shape)).copy()
+        cost = traversability_cost(known, dy, self._limits, cell_width_m=dx, warn=False)
+        if self.unseen is None:
+            return cost
+        return np.where(self.unknown(slice(None), slice(None)), self.unseen.at(), cost)
 
-    def elevation(self) -> Float2D:
-        """As `MapState.elevation`."""
-        base = np.asarray(self._base, self.heights.dtype)
-        return np.where(self.unknown(), np.nan, self.heights + base)
+    def unknown(self, rows: slice, cols: slice) -> Bool:
+        unknown: Bool = ~np.isfinite(self.array[rows, cols])
+        return unknown if self.unseen is None else unknown | self.unseen.unknown(rows, cols)
 
-    def unknown(self, rows: slice = slice(None), cols: slice = slice(None)) -> Bool:
-        """As `MapState.unknown`."""
-        unknown: Bool = ~np.isfinite(self.heights[rows, cols])
-        return unknown
+    def known(self, part: Rectangle) -> Float2D:
+        """Heights of a part, NaN where they mean nothing."""
+        here: Float2D = self.array[slices(part)]
+        if self.unseen is None:
+            return here
+        return np.where(self.unknown(*slices(part)), np.float32(np.nan), here)
 
-    def along(self, line: Line, at: Line | None = None) -> Along:
-        """As `MapState.along`."""
-        places = crossings(line) if at is None else at
-        metres = self._heights_at(places) + self._base
-        slope_cost = self._slope_cost
-        walker = slope_cost if slope_cost is not None and slope_cost.function else None
-        return Along(places, metres, self._sides, self._mobility, walker)
+    def metres_at(self, places: Line) -> Floats:
+        """(N,) metres at places (N, 2)."""
+        found = heights_at(self.array, places)
+        if self.unseen is not None:
+            found = self.unseen.heights_at(places, found)
+        return found + self.base
 
-    def _heights_at(self, places: Line) -> Floats:
-        """(N,) heights at places (N, 2)."""
-        return heights_at(self.heights, places)
+
+class Told(Layer):
+    """Costs told on a map of heights: a cell weighs by the greater of both.
+
+    With `shut_alone` a cost below 1 says nothing but that the cell is not shut.
+    """
+
+    name = "cost"
+
+    def __init__(self, heights: Heights, shut_alone: bool) -> None:
+        self._heights = heights
+        self._shut_alone = shut_alone
+
+    def put(self, part: Rectangle, patch: Float2D, seen: Bool | None, *, keeps: bool) -> Put:
+        grid = self._heights.grid
+        if grid.model.refuses(patch):
+            grid.model.refuse(float(np.nanmin(patch)))
+        if self._heights.told is None:
+            self._heights.told = self._heights.tiles.tell_from_now_on()
+            grid.pack()
+        known = ~np.isnan(patch)
+        if seen is not None:
+            known &= seen
+        below = np.float32(0.0) if self._shut_alone else patch
+        told = np.where(patch < 1.0, below, np.float32(np.inf))
+        return self._heights.tiles.write(part, told, known, told=True, keeps=keeps)

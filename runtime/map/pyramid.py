@@ -27,6 +27,7 @@ from nnpp_edge.runtime.kernels import records
 from nnpp_edge.runtime.kernels.pooling import FACTOR, NO_LINKS, NO_PIECES, pool_and_link
 from nnpp_edge.runtime.kernels.records import Packed
 from nnpp_edge.runtime.map.grid import Grid, bordered
+from nnpp_edge.runtime.robots.robot import Robot
 from nnpp_edge.runtime.search.region import Lookup
 from nnpp_edge.runtime.terrain.step_cost import StepCost
 from nnpp_edge.runtime.tuning import ANOTHER_LEVEL_FROM
@@ -76,7 +77,7 @@ class Pyramid:
         self.levels = [Level(grid)]
         shapes = coarse_shapes(grid.rows, grid.cols)
         model, (straight, diagonal) = grid.model, grid.model.weight_term
-        share = grid.robot.weight_share
+        share = grid.robot.moves.weight_share
         model = replace(model, weight_term=(share * straight, share * diagonal))
         self._left: Iterator[None] = iter(())
         """Pools a stripe at each step."""
@@ -91,7 +92,7 @@ class Pyramid:
             coarse = Grid(rows, cols, model, weights=weights)
             if grid.tiles is not None:
                 coarse.compute_by(grid.tiles, number)
-            coarse.drive_by(grid.robot.coarse((rows, cols), grid.prices))
+            coarse.drive_by(Robot(price=grid.robot.price.coarse((rows, cols), grid.prices)))
             self.levels.append(Level(coarse, pieces, links))
         self.update((0, 0, grid.rows, grid.cols))
 
@@ -104,7 +105,8 @@ class Pyramid:
         from there.
         """
         finest = self.levels[0].grid
-        if finest.tiles is not None and finest.robot.by_slope:  # whose means need all weights
+        if finest.tiles is not None and finest.robot.price.edges() is not None:
+            # whose means need all weights
             finest.tiles.complete(deadline)
         for _ in self._left:
             deadline.check()
@@ -116,7 +118,7 @@ class Pyramid:
         if finest.tiles is not None:  # pooled anew already, but for directed steps
             for level in self.levels[1:]:
                 level.version += 1
-            yield from finest.robot.pool(self.levels[1:], changed)
+            yield from finest.robot.price.pool(self.levels[1:], changed)
             return
         row0, col0, rows, cols = changed
         row1 = row0 + rows
@@ -148,7 +150,7 @@ class Pyramid:
             row1 = min(row1 + 1, grid.rows)
             col0 = max(col0 - 1, 0)
             col1 = min(col1 + 1, grid.cols)
-        yield from finest.robot.pool(self.levels[1:], changed)
+        yield from finest.robot.price.pool(self.levels[1:], changed)
 
     @property
     def obstacle_weight(self) -> float:

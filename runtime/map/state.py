@@ -1,70 +1,134 @@
-"""A map that is planned on: its grid, its coarse levels, and the log of its changes."""
+"""A map that is planned on: its layers, the grid they make, its coarse levels, and the log of its
+changes.
+"""
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Bool, Cells, Float2D
-from nnpp_edge.runtime.cells import Rectangle
+from nnpp_edge.runtime.cells import Rectangle, holding, patch_at, slices, widened
 from nnpp_edge.runtime.deadline import NEVER, Deadline
-from nnpp_edge.runtime.errors import InvalidMapError
+from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, users_line
 from nnpp_edge.runtime.kernels.records import Packed
 from nnpp_edge.runtime.map.changes import Change, ChangeLog, ChangeReader
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.ground import Ground
+from nnpp_edge.runtime.map.layers import Costs, Layer, Lowest
+from nnpp_edge.runtime.memory import DIRECTED_BYTES_PER_CELL, bytes_per_cell, check_planner_fits
+from nnpp_edge.runtime.terrain.step_cost import PAPER_OMEGA, StepCost, StepModel
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.map.along import Along, Line
     from nnpp_edge.runtime.map.pyramid import Pyramid
-    from nnpp_edge.runtime.map.unseen import Unseen
+    from nnpp_edge.runtime.robots.slope.cost import SlopeCost
+
+_MADE = ("grid", "_point", "log", "_pyramid", "_unpooled")
+"""Made from the layers: a copy makes its own."""
+_TOGETHER = 64
+"""Cells of a path around which is looked at once, at most, for what is unknown."""
 
 
 class MapState:
-    """The newest map. Serves one thread at a time. Made by `map.kinds.map_state`.
+    """The newest map, a stack of layers, made by `map_state`. Serves one thread at a time.
 
-    Whoever keeps something that depends on it reads the log of changes when asked. The kinds of
-    maps are `map.kinds.CostState`, `map.heights.HeightState`, `map.coarse.CoarseState` and
-    `map.disc.DiscState`.
+    Whoever keeps something that depends on it reads the log of changes when asked. `layers` are
+    lowest first: that makes the grid. With a disc's vehicle cells are shut too where it would touch
+    an obstacle.
     """
 
-    grid: Grid
-    unseen: "Unseen | None" = None
-    """Blocks that are known by their means; None where cells are known, or nothing."""
-    told: Float2D | None = None
-    """(H, W) costs that were told, on a map of heights; None while none were. To be read only."""
-    has_heights = False
-    """Whether the map was made from heights."""
-    room: Packed | None = None
-    """Obstacles that a disc's lines must keep away from, see `records.Room`."""
-    shut_alone = False
-    """Whether a cost below 1 that was told says nothing but that the cell is not shut."""
-    _lazy = True
-    """Whether what the grid holds is computed as a search reads it."""
-    _made_anew: tuple[str, ...] = ("log", "_pyramid", "_unpooled")
-    """Attributes that a copy makes of its own."""
-
-    def __init__(self, ground: Ground) -> None:
+    def __init__(self, ground: Ground, layers: Sequence[Layer], *, lazy: bool = True) -> None:
+        self.layers = {layer.name: layer for layer in layers}
+        """By the name by which their patches come."""
+        self._lowest: Lowest = layers[0]  # type: ignore[assignment]  # as for the class
+        self.heights = self._lowest.heights
+        """The layer of heights; None on a map of costs."""
+        self.unseen = None if self.heights is None else self.heights.unseen
+        """Blocks that are known by their means; None where cells are known, or nothing."""
         self.vehicle = ground.vehicle
         """Whose path it is; None for a point."""
         self.sides_m = None if ground.cell_size_m is None else ground.sides_m
         """Height and width of a cell; None where it is not known."""
-        self._start_log()
+        self._lazy = lazy
+        self._limits = ground.limits
+        self._mobility = ground.mobility
+        self._slope_cost: SlopeCost | None = None
+        if self.has_heights and ground.step_cost != StepCost.PAPER:
+            from nnpp_edge.runtime.robots.slope.cost import slope_cost_of
 
-    def _start_log(self) -> None:
+            self._slope_cost = slope_cost_of(ground.step_cost, ground.mobility)
+        self._widening = None
+        if ground.vehicle is not None and ground.body is None:
+            from nnpp_edge.runtime.robots.disc import Widening
+
+            assert ground.vehicle.radius_m is not None
+            self._widening = Widening(ground.vehicle.radius_m, ground.sides_m)
+        self.begin_anew()
+
+    def begin_anew(self) -> None:
+        """Forget all but the layers. Whoever read the log must be made anew."""
+        self._stack(self._lowest.begin())
+
+    def _stack(self, grid: Grid) -> None:
+        """The robot on the grid that the layers make, and a log that begins."""
+        self.grid = self._point = grid
+        """The robot's, and a point's, which are one but for a disc."""
+        if self._widening is not None:
+            grid.complete()
+            self.grid = Grid(*grid.shape, grid.model, grid.corner_cutting)
+            self.grid.update(self._widening.weights(grid, (0, 0, *grid.shape)), weights=True)
+        self._put_robot()
+        if not self._lazy:
+            self.grid.complete()
         self.log = ChangeLog()
         self._pyramid: Pyramid | None = None
         self._unpooled: ChangeReader = self.log.reader()
 
-    def begin_anew(self) -> None:
-        """Forget all but the layers. Whoever read the log must be made anew."""
-        self._start_log()
+    def _put_robot(self) -> None:
+        """Put the robot on the map; each kind's room is loaded where there is one."""
+        heights = self.heights
+        if heights is None:
+            return
+        if self.vehicle is not None and self._widening is None:
+            from nnpp_edge.runtime.robots.body.poses import Poses
+            from nnpp_edge.runtime.robots.body.robot import body_robot
+
+            known = heights.known((0, 0, *self.shape))
+            shut = None if heights.told is None else heights.told >= 1.0
+            blocks = None if heights.unseen is None else heights.unseen.layers
+            place = (self.sides_m, self.vehicle, self._limits.body_weights, self.grid.model.scale)
+            self.grid.drive_by(body_robot(Poses(known, *place, shut, blocks)))  # type: ignore[arg-type]
+        if self._slope_cost is not None:
+            from nnpp_edge.runtime.robots.slope.directed import by_slope
+
+            place = (heights.array, self.sides_m, self._slope_cost)  # type: ignore[assignment]
+            self.grid.drive_by(by_slope(self.grid, *place))  # type: ignore[arg-type,call-arg]
 
     def __getstate__(self) -> dict[str, object]:
         """The layers: a copy starts a log of its own."""
-        return {name: value for name, value in vars(self).items() if name not in self._made_anew}
+        return {name: value for name, value in vars(self).items() if name not in _MADE}
 
     def __setstate__(self, state: dict[str, object]) -> None:
         self.__dict__.update(state)
         self.begin_anew()
+
+    @property
+    def has_heights(self) -> bool:
+        """Whether the map was made from heights."""
+        return "heights" in self.layers
+
+    @property
+    def told(self) -> Float2D | None:
+        """(H, W) costs that were told, on a map of heights; None while none were. Read only."""
+        return None if self.heights is None else self.heights.told
+
+    @property
+    def room(self) -> Packed | None:
+        """Obstacles that a disc's lines must keep away from, see `records.Room`."""
+        return None if self._widening is None else self._widening.room(self._point)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -101,7 +165,7 @@ class MapState:
         nothing is told. `seen` are the cells that get new costs, by default all. InvalidMapError as
         for `Grid.update`; the map is as it was.
         """
-        raise NotImplementedError
+        return self.put("cost", row, col, patch, seen)
 
     def update_elevation(
         self, row: int, col: int, patch: Float2D, seen: Bool | None = None
@@ -111,13 +175,30 @@ class MapState:
 
         Metres, NaN where unknown; heights that the map has already change nothing.
         """
-        raise InvalidMapError("wanted costs, as the map was made from such: update takes them")
+        if not self.has_heights:
+            raise InvalidMapError("wanted costs, as the map was made from such: update takes them")
+        return self.put("heights", row, col, patch, seen)
 
-    def _noted(self, change: Change, part: Rectangle, *, heights: bool = False) -> Change:
-        """Put a change into the log, once all that depends on it follows: `part` is where new
-        heights, or else costs, were put.
-        """
-        change = self.grid.robot.follow(change, part, self, heights=heights)
+    def put(
+        self, name: str, row: int, col: int, patch: Float2D, seen: Bool | None = None
+    ) -> Change:
+        """Put new numbers (h, w) into the layer of that name, as `update` does."""
+        layer = self.layers[name]
+        numbers = layer.read(patch)
+        part = patch_at((row, col), numbers.shape, self.shape)
+        keeps = self.log.keeps_old_weights
+        before = self._point.packed
+        change, new = layer.put(part, numbers, seen, keeps=keeps and self._widening is None)
+        if self._point.packed is not before:  # the layer's array has become another
+            for level in self._pyramid.levels[1:] if self._pyramid else ():
+                level.grid.pack()
+        if self._widening is not None and change.cells:
+            around = widened(change.part, self._widening.reach, self.shape)
+            weights = self._widening.weights(self._point, around)
+            change = self.grid.update(weights, around[:2], keep_old_weights=keeps, weights=True)
+        if self.unseen is not None:
+            self.unseen.note(new)
+        change = self.grid.robot.follow(change, new, self, heights=layer.rim > 0)
         if change.cells:
             self.log.append(change)
         return change
@@ -129,29 +210,48 @@ class MapState:
         By Eq. 1 on a map of heights, whatever vehicle stands on it. Any thread may ask, while
         another changes the map or plans on it: then it is some of the old map and some of the new.
         """
-        raise NotImplementedError
+        cost = self._lowest.cost()
+        return cost if self.told is None else np.maximum(cost, self.told)
 
     def elevation(self) -> Float2D | None:
         """(H, W) metres, NaN where unknown, a copy; None for a map of costs. Any thread may ask, as
         for `cost`.
         """
-        return None
+        heights = self.heights
+        if heights is None:
+            return None
+        base = np.asarray(heights.base, heights.array.dtype)
+        return np.where(self.unknown(), np.nan, heights.array + base)
 
     def unknown(self, rows: slice = slice(None), cols: slice = slice(None)) -> Bool:
         """Cells of which nothing is known, of the map or a part; a map of costs tells only if it
         was to keep them.
         """
-        raise NotImplementedError
+        return self._lowest.unknown(rows, cols)
 
     def known_heights(self, part: Rectangle) -> Float2D:
         """Heights of a part of a map of heights, NaN where they mean nothing."""
-        raise NotImplementedError
+        assert self.heights is not None
+        return self.heights.known(part)
 
     def known_along(self, path: Cells) -> int:
         """Number of the cells of a path (N, 2), from its first on, that are known, with all under a
         body.
         """
-        return len(path)
+        if self.unseen is None or self.heights is None:
+            return len(path)
+        known = 0
+        together = _TOGETHER
+        while together and known < len(path):
+            # as many cells as have nothing unknown around all of them
+            some = path[known : known + together]
+            part = widened(holding(some), self.grid.robot.stance.reach, self.shape)
+            if self.unseen.means(part) and np.isfinite(self.heights.array[slices(part)]).all():
+                known += len(some)
+                together = min(2 * together, _TOGETHER)
+            else:
+                together //= 2
+        return known
 
     def along(self, line: "Line", at: "Line | None" = None) -> "Along | None":
         """Ground under a line (N, 2) inside the map; None on a map of costs, whose heights are not
@@ -160,7 +260,16 @@ class MapState:
         It is told at places `at` (M, 2), by default where the line crosses rows and columns of
         cells' middles.
         """
-        return None
+        if self.heights is None or self.sides_m is None:
+            return None
+        from nnpp_edge.runtime.map.along import Along, crossings
+        from nnpp_edge.runtime.robots.slope.cost import Mobility
+
+        places = crossings(line) if at is None else at
+        slope_cost = self._slope_cost
+        walker = slope_cost if slope_cost is not None and slope_cost.function else None
+        metres = self.heights.metres_at(places)
+        return Along(places, metres, self.sides_m, self._mobility or Mobility(), walker)
 
     @property
     def reach_cells(self) -> int:
@@ -172,10 +281,55 @@ class MapState:
     @property
     def checked(self) -> int:
         """Poses of a vehicle that have been checked so far."""
-        return self.grid.robot.checks
+        return self.grid.robot.stance.checks
 
     @property
     def costs_computed(self) -> float:
         """Share of the map's cells whose cost is there, in [0, 1]."""
         tiles = self.grid.tiles
         return 1.0 if tiles is None else tiles.cells_computed / self.grid.cells
+
+
+@checked(InvalidQueryError)
+def map_state(
+    ground: Ground,
+    omega: float = PAPER_OMEGA,
+    corner_cutting: bool = True,
+    *,
+    lazy: bool = True,
+    warn: bool = False,
+    tell_unknown: bool = False,
+) -> MapState:
+    """The map of a ground to plan on, whose arrays are its own.
+
+    `omega`, `corner_cutting`, `lazy` and `warn` as in `PlannerOptions`; with `tell_unknown` it is
+    kept which cells of a map of costs are unknown, apart from those that are impassable.
+    InvalidMapError, InvalidQueryError as for `Planner`.
+    """
+    heights = ground.elevation
+    vehicle = ground.vehicle
+    body_bytes = 0 if heights is None or vehicle is None else bytes_per_cell(vehicle)
+    by_slope = heights is not None and ground.by_slope
+    if ground.factor == 1 or body_bytes:  # else memory goes by what is seen
+        check_planner_fits(ground.shape, DIRECTED_BYTES_PER_CELL * by_slope + body_bytes)
+    if warn and heights is not None and ground.factor == 1:
+        from nnpp_edge.runtime.terrain.traversability import relative_heights, warn_of_saturation
+
+        relative, _ = relative_heights(heights)
+        level = 1 + users_line()
+        warn_of_saturation(relative, ground.limits, ground.sides_m, stacklevel=level)
+    disc = vehicle is not None and ground.body is None
+    if heights is None:
+        model = StepModel.of(ground.step_cost, omega)
+        costs = Costs(ground.costs(), model, corner_cutting, tell_unknown or disc)
+        return MapState(ground, [costs])
+    from nnpp_edge.runtime.map.heights import Heights, Told
+
+    unseen = None
+    if ground.factor > 1:
+        from nnpp_edge.runtime.map.unseen import Unseen
+
+        unseen = Unseen(ground)
+    ground_layer = Heights(ground, StepModel.of(StepCost.PAPER, omega), corner_cutting, unseen)
+    told = Told(ground_layer, shut_alone=ground.by_slope or ground.body is not None)
+    return MapState(ground, [ground_layer, told], lazy=lazy or unseen is not None)

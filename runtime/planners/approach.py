@@ -26,13 +26,13 @@ def near_to_goal(methods: "Methods", query: Query, present: Cell | None) -> Cell
     """
     state = methods.state
     grid = state.grid
-    robot = grid.robot
-    memory = Workspace(len(grid.weights), robot.states_a_node, sparse=True)
+    moves = grid.robot.moves
+    memory = Workspace(len(grid.weights), moves.states_a_node, sparse=True)
     beyond = np.zeros(grid.shape, np.bool_)
     if grid.is_passable(query.goal):
-        beyond = np.isfinite(robot.costs_of_cells(grid, query.goal, memory, query.deadline))
+        beyond = np.isfinite(moves.costs_of_cells(grid, query.goal, memory, query.deadline))
     beyond[query.goal] = True
-    costs = robot.costs_of_cells(grid, query.start, memory, query.deadline)
+    costs = moves.costs_of_cells(grid, query.start, memory, query.deadline)
     margin = state.reach_cells + 2
     return place_towards(query.goal, query.start, costs, beyond, state.unknown(), margin, present)
 

@@ -14,10 +14,10 @@ from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels.tiles import BLOCK_SEEN
 from nnpp_edge.runtime.map.ground import Ground
-from nnpp_edge.runtime.map.kinds import CostState
+from nnpp_edge.runtime.map.layers import Costs
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.planners.query import Found, Work
-from nnpp_edge.runtime.robots.robot import Robot
+from nnpp_edge.runtime.robots.robot import CellPrice
 from nnpp_edge.runtime.search.astar import Query
 from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.tuning import (
@@ -47,7 +47,7 @@ class BlockWay:
         model = state.grid.model
         model = replace(model, scale=model.scale * PRICE_SCALE)
         ground = Ground(self._unseen.costs(everywhere) / PRICE_SCALE)
-        self._map = CostState(ground, model, corner_cutting=True, tell_unknown=False)
+        self._map = MapState(ground, [Costs(ground.costs(), model, True, tells_unknown=False)])
         self._find = find(self._map)
         rows, cols = (
             np.arange(side, dtype=np.int32) // self._unseen.factor for side in state.shape
@@ -124,7 +124,7 @@ class BlockWay:
         -1.
         """
         path = over(stops)
-        return Robot().walk(self._grid, path, 0, np.empty(len(path)))
+        return CellPrice().walk(self._grid, path, 0, np.empty(len(path)))
 
 
 def over(stops: Cells) -> Cells:

@@ -25,7 +25,6 @@ from nnpp_edge.runtime.search.landmarks import Landmarks
 from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.tuning import (
-    BODY_BAND_UP_TO,
     CELLS_APART,
     LANDMARK_PATIENCE,
     LEVEL_LANDMARKS,
@@ -80,7 +79,7 @@ class CoarseLevel:
             self._version = self.level.version
             self._spent = 0.0
         grid = self.grid
-        back = grid.robot.by_slope
+        back = grid.robot.price.edges() is not None
         hints = None
         if region is None and self.landmarks is not None:
             hints = self.landmarks.towards(goal)
@@ -154,7 +153,7 @@ class CoarseLevel:
         grid = self.grid
         surround(
             grid.packed,
-            grid.robot.edges(),
+            grid.robot.price.edges(),
             self.level.links,
             grid.node(*start),
             (ws.g, ws.meta, ws.stamp),  # `records.Searched`
@@ -184,8 +183,7 @@ class CoarseToFine:
         self._levels = state.pyramid_by(NEVER).levels
         self.coarse_levels = [CoarseLevel(level) for level in self._levels[1:]]
         """The searched levels above the map itself, finest first."""
-        self._by_poses = state.grid.robot.by_poses
-        self._tries = state.grid.robot.corridor_tries
+        self._moves = state.grid.robot.moves
 
     def workspace(self, number: int) -> Workspace:
         """Memory of the searches of the level of that number; 0 is the map itself."""
@@ -193,7 +191,7 @@ class CoarseToFine:
 
     def top_for(self, query: Query) -> int:
         """The level to begin at: where start and goal are close, a finer one than the coarsest."""
-        number = 1 if self._by_poses else len(self.coarse_levels)
+        number = min(self._moves.most_levels, len(self.coarse_levels))
         while number > 1 and query.apart < CELLS_APART * FACTOR**number:
             number -= 1
         return number
@@ -208,8 +206,8 @@ class CoarseToFine:
             coarse = self.coarse_levels[number - 1]
             radius = width.radius
             band = width.band
-            if self._by_poses and query.apart > BODY_BAND_UP_TO:
-                band *= math.sqrt(BODY_BAND_UP_TO / query.apart)
+            if query.apart > self._moves.band_up_to:
+                band *= math.sqrt(self._moves.band_up_to / query.apart)
             band += FACTOR * width.nearby / max(query.apart, FACTOR)
             if number > 1:
                 radius = radius + width.coarse_radius
@@ -231,7 +229,7 @@ class CoarseToFine:
         ends = (query.start, query.direction >= 0), (query.goal, query.wanted is not None)
         for end, has_heading in ends:
             if region is not None and has_heading:
-                swing = self._state.grid.robot.swing
+                swing = self._state.grid.robot.moves.swing
                 region.add(widened((*end, 1, 1), swing, self._state.shape))
         return region
 
@@ -245,8 +243,8 @@ class CoarseToFine:
         width: CorridorWidth,
         source: Source,
     ) -> Found | None:
-        """A path, from level `top` down to the map, on which `searcher` looks for it; None where
-        there is no way, but for a body NO_PATH where a region was searched for it.
+        """A path, from level `top` down to the map, on which `searcher` looks for it, or that its
+        region holds none; None where no coarse path leads.
 
         `region` is where to look on level `top`, None for all of a coarse level. A vehicle's links
         are corrected meanwhile, as often as it pays. OutOfTimeError where time was up before the
@@ -257,12 +255,10 @@ class CoarseToFine:
         # brought up to date; a search in slices leaves the levels so, while the map changes
         self._levels = self._state.pyramid_by(query.deadline).levels
         try:
-            for left in reversed(range(self._tries)):
+            for left in reversed(range(self._moves.corridor_tries)):
                 if (inside := self._descend(query, work, top, region, width)) is None:
                     break
                 search = searcher.search(query, work, inside)
-                if search.status is Status.NO_PATH and not self._by_poses:
-                    break
                 spent += search.expansions
                 dead_end = search.exhausted if search.refused_f < math.inf else None
                 by_field = dead_end is self._finest.field and query.wanted is not None
@@ -290,7 +286,9 @@ class CoarseToFine:
         """
         top = self.top_for(query)
         robot = self._state.grid.robot
-        by_default = robot.corridors if query.wanted is None else robot.corridors_to_heading
+        by_default = (
+            robot.moves.corridors if query.wanted is None else robot.moves.corridors_to_heading
+        )
         widths = widths or by_default
         for width, source in zip(widths, (Source.REGION, Source.WIDENED), strict=True):
             found = self.find(query, work, searcher, top, None, width, source)

@@ -28,7 +28,7 @@ from nnpp_edge.runtime.planners.on_map import (
     one_at_a_time,
     split,
 )
-from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan, Source
+from nnpp_edge.runtime.planners.plan import DynamicMethod, Plan, Source
 from nnpp_edge.runtime.planners.query import Found, Work, problem_with
 from nnpp_edge.runtime.planners.searching import Finder, Options, Searching
 from nnpp_edge.runtime.planners.standing_path import Departure, Footing, Standing, StandingPath
@@ -156,7 +156,7 @@ class DynamicPlanner(OnMap):
         self._joiner = Joiner(self._state)
         if self._state.unseen is not None:
             _ = self._methods.blocks
-        elif not self.method.whole_map:
+        elif self.method.entry.needs:
             _ = self._methods.descent  # pooled now, so that the first plan does not wait for it
         standing = self._standing
         if standing is not None and self._leads_to_goal:
@@ -328,9 +328,9 @@ class DynamicPlanner(OnMap):
         self._methods.descent.touch()
         if self.method is DynamicMethod.DSTAR:
             self._methods.prepare_to_mend_map(self._goal)
-        if self.method.mends_regions:
+        if self.method.entry.keeps and self.method.entry.needs:
             self._methods.mending.prepare(self._goal)
-        if self.method.base is Method.NNPP:
+        if "network" in self.method.entry.needs:
             self._methods.load_network()
 
     @checked(InvalidQueryError)
@@ -446,7 +446,7 @@ class DynamicPlanner(OnMap):
         row, col = plan.path[at].tolist()
         # a body comes to a cell as it left the one before; on arcs its state is known
         heading = plan.headings_deg[at - 1 if plan.states is None else at]
-        direction = self._state.grid.robot.direction(float(heading))
+        direction = self._state.grid.robot.moves.direction(float(heading))
         ahead = query._replace(start=(row, col), direction=direction)
         return Searching(self._finder, ahead, searching.options, at)
 
@@ -471,9 +471,9 @@ class DynamicPlanner(OnMap):
                 # the standing path as far as where the search started, and on along the new one
                 way = np.concatenate((before.walked[standing.index : searching.ahead], way))
             near = self._path.near(way, query.start, query.direction)
-            led = near and self._led(
-                way, near, query, searching.work, to_goal=began.goal != query.goal
-            )
+            to_goal = began.goal != query.goal
+            work = searching.work
+            led = near and self._led(way, near, query, work, plan.planner, to_goal=to_goal)
             return replace(led, source=plan.source) if led else _CHANGED
         if self._no_path is not None and self._no_path[0].holds(query):
             return plan
@@ -484,7 +484,14 @@ class DynamicPlanner(OnMap):
         return _CHANGED if self._looks_ahead else _NOT_FROM_AHEAD
 
     def _led(
-        self, way: Int32, near: tuple[int, bool], query: Query, work: Work, *, to_goal: bool
+        self,
+        way: Int32,
+        near: tuple[int, bool],
+        query: Query,
+        work: Work,
+        by: str,
+        *,
+        to_goal: bool,
     ) -> Plan | None:
         """A plan whose path leads from the query's start along a way, which is near there, and with
         `to_goal` on to its goal; None where that cannot be driven on the map as it is.
@@ -496,7 +503,7 @@ class DynamicPlanner(OnMap):
             return None
         bound = grid.least_cost(query.start, query.goal)
         found = Found.of(grid, Search(Status.OK, path, 0, bound), Source.STANDING, None, work)
-        return found.plan(DynamicMethod.CORRIDOR, work, self._state, choice=_JOINED)
+        return found.plan(DynamicMethod(by), work, self._state, choice=_JOINED)
 
     def _join(self, query: Query, *, as_good: bool) -> Plan | None:
         """The standing path, joined to where the robot and the goal are and led around what blocks
@@ -512,7 +519,8 @@ class DynamicPlanner(OnMap):
         if near is None:
             return None
         standing = self._path.check(query.start, query.direction)
-        plan = self._led(way, near, query, Work(), to_goal=not self._leads_to_goal)
+        to_goal = not self._leads_to_goal
+        plan = self._led(way, near, query, Work(), before.planner, to_goal=to_goal)
         if plan is None:
             return None
         excess = self._path.excess(plan.cost, near[0])
@@ -559,14 +567,14 @@ class DynamicPlanner(OnMap):
     def _direction(self) -> int:
         """In which a body heads; -1 of others, and where it is not given."""
         heading = self._heading_deg
-        return -1 if heading is None else self._state.grid.robot.direction(heading)
+        return -1 if heading is None else self._state.grid.robot.moves.direction(heading)
 
     def _arrivals(self, heading_deg: float | None) -> Bool | None:
         """Directions in which the goal may be arrived at; None for any."""
         robot = self._state.grid.robot
-        if heading_deg is None or robot.direction(heading_deg) < 0:
+        if heading_deg is None or robot.moves.direction(heading_deg) < 0:
             return None
-        return robot.ends(None, heading_deg, 0.0)[1]
+        return robot.moves.ends(None, heading_deg, 0.0)[1]
 
     def _where(self) -> Cell:
         if self._start is None:

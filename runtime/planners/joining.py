@@ -30,7 +30,7 @@ class Joiner:
     @cached_property
     def _memory(self) -> Workspace:
         grid = self._grid
-        return Workspace(len(grid.weights), grid.robot.states_a_node, sparse=True)
+        return Workspace(len(grid.weights), grid.robot.moves.states_a_node, sparse=True)
 
     def joined(self, way: Int32, query: Query, *, beside: bool, to_goal: bool) -> Int32 | None:
         """States from a query's start to its goal, for the most part along a way, around what
@@ -74,14 +74,14 @@ class Joiner:
         """A way in which another leads from some states before its `first` to some behind its
         `last` state, or from the query's start, or to its goal.
         """
-        robot = self._grid.robot
+        moves = self._grid.robot.moves
         for apart in JOIN_AT:
             begin = first - apart
             end = last + apart
             part = query
             if begin > 0:
                 part = part._replace(
-                    start=_cell(way[begin]), direction=robot.arrival(way[: begin + 1])
+                    start=_cell(way[begin]), direction=moves.arrival(way[: begin + 1])
                 )
             if end < len(way) - 1:
                 part = part._replace(goal=_cell(way[end]), wanted=self._alone(way[: end + 1]))
@@ -92,13 +92,13 @@ class Joiner:
 
     def _alone(self, way: Int32) -> Bool | None:
         """The direction in which a way comes to its end, as `Query.wanted`."""
-        direction = self._grid.robot.arrival(way)
+        direction = self._grid.robot.moves.arrival(way)
         return None if direction < 0 else np.arange(DIRECTION_COUNT) == direction
 
     def search(self, query: Query) -> Int32 | None:
         """The states of a short search; None where it came to nothing."""
         grid = self._grid
-        search = grid.robot.search(grid, query, self._memory, None, limit=JOIN_EXPANSIONS)
+        search = grid.robot.moves.search(grid, query, self._memory, None, limit=JOIN_EXPANSIONS)
         return search.path if search.status is Status.OK else None
 
 

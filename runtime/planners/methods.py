@@ -16,7 +16,8 @@ from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.memory import small_pages, touch
-from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan, Source
+from nnpp_edge.runtime.options import METHODS, STATES
+from nnpp_edge.runtime.planners.plan import DynamicMethod, Plan, Source
 from nnpp_edge.runtime.planners.query import Found, Work, problem_with, told
 from nnpp_edge.runtime.planners.searchers import (
     AStarSearcher,
@@ -48,26 +49,22 @@ Way = tuple[DynamicMethod, str, Callable[[Query, Work], Found | None]]
 """
 _NEAR = f"the goal is less than {NEAR} cells away"
 _NONE_SUFFICES = "the network's regions hold no path that suffices"
-_UNASKED = "no network is used for a vehicle's body: the corridor is as fast, closer to optimal"
+_NEW_CORRIDOR = "a new corridor is faster than repairs"
 
 
-def pick_method(
-    shape: tuple[int, int], model: "str | Path | NetworkModel", has_body: bool, apart: int
-) -> tuple[Method, str]:
+def pick_method(state: MapState, model: "str | Path | NetworkModel", apart: int) -> tuple[str, str]:
     """The method that ``auto`` picks on such a map for a goal `apart` cells away, by ``nnpp``'s
     `model`, and why.
     """
-    if apart < NEAR:
-        return Method.ASTAR, _NEAR
-    if has_body:
-        return (
-            Method.CORRIDOR,
-            "for a body as fast as exact search on small maps, faster on large ones",
-        )
+    moves = state.grid.robot.moves
+    if apart < moves.near:
+        return "astar", _NEAR
+    if moves.over not in METHODS["nnpp"].robots:
+        return "corridor", "for a body as fast as exact search on small maps, faster on large ones"
     # the figures are of the network `edge`
-    if max(shape) >= LARGE_MAP and apart >= FAR and Path(file_of(model)).stem == "edge":
-        return Method.NNPP, f"on a large map mostly the fastest from {FAR} cells on"
-    return Method.CORRIDOR, "as fast as the learned region, closer to optimal"
+    if max(state.shape) >= LARGE_MAP and apart >= FAR and Path(file_of(model)).stem == "edge":
+        return "nnpp", f"on a large map mostly the fastest from {FAR} cells on"
+    return "corridor", "as fast as the learned region, closer to optimal"
 
 
 def file_of(model: "str | Path | NetworkModel") -> str | Path:
@@ -95,8 +92,6 @@ class Methods:
     ) -> None:
         self.state = state
         self._ask_from = ask_from
-        self.has_poses = not state.grid.robot.learned_region
-        """Whether a vehicle's poses are searched."""
         self.astar = AStarSearcher(state)
         self.exhausted = self.astar.workspace
         """Memory of the newest search that found no path."""
@@ -152,13 +147,13 @@ class Methods:
         return model
 
     def load_network(self) -> None:
-        """Load the network now, and show it the map; ModelError if it cannot be loaded. With poses
-        none is used.
+        """Load the network now, and show it the map; ModelError if it cannot be loaded. For a robot
+        for which none is used nothing is done.
         """
-        if not self.has_poses:
-            self.regions.prepare(
-                self.state.pyramid.levels[self._network_level], self._network_level
-            )
+        if self.state.grid.robot.moves.over not in METHODS["nnpp"].robots:
+            return
+        level = self._network_level
+        self.regions.prepare(self.state.pyramid.levels[level], level)
 
     def plan(
         self,
@@ -176,9 +171,14 @@ class Methods:
         state = self.state
         robot = state.grid.robot
         if problem := problem_with(state.grid, query.start, query.goal):
-            return Plan(problem, wanted.base, planner=wanted, reason=told(problem, query, robot))
+            return Plan(
+                problem,
+                wanted.entry.keeps or wanted,
+                planner=wanted,
+                reason=told(problem, query, robot),
+            )
         checked_before = state.checked
-        large = state.grid.cells * robot.states_a_node > SPARSE_FROM and not wanted.whole_map
+        large = state.grid.cells * robot.moves.states_a_node > SPARSE_FROM and wanted.entry.needs
         try:
             with small_pages() if large or state.unseen is not None else nullcontext():
                 for by, why, find in ways:
@@ -187,57 +187,62 @@ class Methods:
         except OutOfTimeError:
             by = wanted
             why = ""
-            found = Found.too_late(Source.MAP if wanted.whole_map else Source.REGION)
+            found = Found.too_late(Source.REGION if wanted.entry.needs else Source.MAP)
         assert found is not None
-        if robot.columns == 2:  # the turns from and to a given heading count, and are no steps
-            turns = int(query.direction >= 0) + int(query.wanted is not None)
-            bound = found.lower_bound - turns * robot.readiness
-            found = found._replace(lower_bound=bound)
+        bound = found.lower_bound - robot.at_ends(query)
+        found = found._replace(lower_bound=bound)
+        within = by.entry.bound
+        if within is not None and within > 1.0 and found.search.status is Status.OK:
+            found = found._replace(lower_bound=max(found.cost / within, 0.0))
         plan = found.plan(by, work, state, checked_before, choice=why, keep_regions=keep_regions)
         if plan.status is not Status.NO_PATH:
             return plan
         self.exhausted = found.search.exhausted or self.astar.workspace
         deadline = query.deadline
         deadline.goes_on()  # it takes a while to tell why
-        ended = robot.why_ended(state.grid, query.start, query.goal, self.exhausted, deadline)
+        ended = robot.moves.why_ended(state.grid, query.start, query.goal, self.exhausted, deadline)
         return replace(plan, reason=f"{plan.reason}; {ended}") if ended else plan
 
-    def ways(self, method: Method, query: Query) -> Sequence[Way]:
-        """How a path is found by a method; for ``auto`` by which one, and why."""
-        if method is not Method.AUTO:
-            unasked = method is Method.NNPP and self.has_poses
-            return [self.way(DynamicMethod(method), _UNASKED if unasked else "")]
-        if self.state.grid.robot.drives_arcs:
-            return [self.way(DynamicMethod.CORRIDOR, "arcs are checked where the corridor leads")]
+    def ways(self, method: str, query: Query) -> Sequence[Way]:
+        """How a path is found by a method, and why that one; InvalidQueryError where it does not
+        serve this robot.
+        """
+        entry = METHODS[method]
+        over = self.state.grid.robot.moves.over
+        if refusal := entry.refusal(over):
+            raise InvalidQueryError(refusal)
+        if over not in entry.robots and entry.instead is not None:
+            other, why = entry.instead
+            return [(DynamicMethod(method), why, METHODS[other].finder(self))]
+        return entry.finder(self)(query) if entry.chooses else [self.way(method)]
+
+    def way(self, by: str, why: str = "", **how: bool) -> Way:
+        """How a path is found by a method that chooses among no others."""
+        return DynamicMethod(by), why, partial(METHODS[by].finder(self), **how)
+
+    def choose(self, query: Query) -> Sequence[Way]:
+        """How ``auto`` finds a path: by what figures say of the map, the robot and the distance."""
         if self.state.unseen is not None:
-            why = "over blocks where the ground is known coarsely"
-            return [self.way(DynamicMethod.CORRIDOR, why)]
-        picked, why = pick_method(self.state.shape, self._model, self.has_poses, query.apart)
-        if picked is Method.ASTAR:
-            return self.near_ways(f"{why}, but the way is long")
-        if picked is Method.NNPP:
-            return [
-                (DynamicMethod.NNPP, why, partial(self.network_region, alone=True)),
-                (DynamicMethod.CORRIDOR, _NONE_SUFFICES, self.corridor),
-            ]
-        return [self.way(DynamicMethod(picked), why)]
+            return [self.way("corridor", "over blocks where the ground is known coarsely")]
+        picked, why = pick_method(self.state, self._model, query.apart)
+        if self._repeated and picked != "astar":
+            picked = "corridor"
+            why = _NEW_CORRIDOR
+        if picked == "astar":
+            long = _NEW_CORRIDOR if self._repeated else f"{why}, but the way is long"
+            near = DynamicMethod("astar"), why, self.search_briefly
+            return [near, self.way("corridor", long)]
+        if picked == "nnpp":
+            return [self.way("nnpp", why, alone=True), self.way("corridor", _NONE_SUFFICES)]
+        return [self.way(picked, why)]
 
-    def near_ways(self, else_why: str) -> Sequence[Way]:
-        """How a path to a near goal is found: by a brief A*, else in a corridor, and why that."""
-        return [
-            (DynamicMethod.ASTAR, _NEAR, self.search_briefly),
-            (DynamicMethod.CORRIDOR, else_why, self.corridor),
-        ]
+    def mended_corridor(self, query: Query, work: Work) -> Found:
+        """As `corridor`, and in it D* Lite."""
+        return self.corridor(query, work, searcher=self.mending)
 
-    def way(self, by: DynamicMethod, why: str = "") -> Way:
-        """How a path is found by a method that is not ``auto``."""
-        if by is DynamicMethod.DSTAR:
-            return by, why, self.mend_map
-        if by is DynamicMethod.ASTAR:
-            return by, why, self.search_map
-        learned = by.base is Method.NNPP and not self.has_poses
-        find = self.network_region if learned else self.corridor
-        return by, why, partial(find, searcher=self.mending) if by.mends_regions else find
+    def mended_region(self, query: Query, work: Work) -> Found | None:
+        """As `network_region`, and in it D* Lite."""
+        return self.network_region(query, work, searcher=self.mending)
 
     def search_map(self, query: Query, work: Work, source: Source = Source.MAP) -> Found:
         """The optimal path, by A* over the whole map; `source` says why that was searched."""
@@ -284,14 +289,20 @@ class Methods:
                 return by_blocks
         self.state.pyramid_by(query.deadline)
         corridors = self.descent.corridors(query, work, searcher or self.astar, widths)
-        if self.state.grid.robot.drives_arcs:
-            from nnpp_edge.runtime.planners.arc_corridor import in_corridors
-
-            return in_corridors(query, work, corridors, self.search_map)
+        moves = self.state.grid.robot.moves
+        doubted: Found | None = None
         for found in corridors:
-            if found.suffices(query):
-                return found
-        return self.search_map(query, work, Source.FALLBACK)
+            if not found.suffices(query):
+                # where this one took that long, a wider one would take as long as the whole map
+                if found.search.expansions > moves.most_in_vain * query.apart**2:
+                    break
+                continue
+            above = found.cost > moves.most_above * found.search.promised
+            if found.search.status is Status.OK and above and doubted is None:
+                doubted = found  # it has perhaps an arc too many, that a wider corridor spares
+                continue
+            return found if doubted is None or found.cost < doubted.cost else doubted
+        return doubted or self.search_map(query, work, Source.FALLBACK)
 
     def _by_blocks(self, query: Query, work: Work) -> Found | None:
         """A path over cells as far as these were seen, and over blocks' middles beyond; None if
@@ -303,18 +314,19 @@ class Methods:
         way.read(query.deadline)
         if not state.unseen.left:
             return None
-        for stops, first, region in way.ways(query, work, whole=self.has_poses):
-            goal = query.goal if self.has_poses else (int(stops[first, 0]), int(stops[first, 1]))
+        whole = grid.robot.moves.over == STATES  # which do not lead over blocks
+        for stops, first, region in way.ways(query, work, whole=whole):
+            goal = query.goal if whole else (int(stops[first, 0]), int(stops[first, 1]))
             search = self.astar.search(query._replace(goal=goal), work, region)
             if search.status is not Status.NO_PATH:
                 path = search.path
-                if search.status is Status.OK and not self.has_poses:
+                if search.status is Status.OK and not whole:
                     from nnpp_edge.runtime.planners.by_blocks import over
 
                     path = np.concatenate((path[:-1], over(stops[first:])))
                 bound = float(octile.py_func(*query.start, *query.goal, *grid.prices))
-                whole = search._replace(path=path, refused_f=bound)
-                return Found.of(grid, whole, Source.REGION, None, work)
+                search = search._replace(path=path, refused_f=bound)
+                return Found.of(grid, search, Source.REGION, None, work)
         return None
 
     def network_region(

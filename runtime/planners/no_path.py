@@ -48,7 +48,7 @@ class NoPath:
 
     def _may_open(self, change: Change, query: Query) -> bool:
         grid = self._grid
-        opens = change.cheaper and grid.robot.may_open(grid, query, self._memory, change.part)
+        opens = change.cheaper and grid.robot.moves.may_open(grid, query, self._memory, change.part)
         self._holds = self._holds and not opens
         return opens
 

@@ -23,8 +23,7 @@ from nnpp_edge.runtime.errors import (
     shown,
 )
 from nnpp_edge.runtime.map.ground import Ground
-from nnpp_edge.runtime.map.kinds import map_state
-from nnpp_edge.runtime.map.state import MapState
+from nnpp_edge.runtime.map.state import MapState, map_state
 from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.options import PlannerOptions
 from nnpp_edge.runtime.planners.methods import Methods
@@ -153,7 +152,7 @@ class OnMap:
         InvalidQueryError without a body on a map of elevations, for what is no cell of the map, or
         a heading that is no number.
         """
-        return self._state.grid.robot.explain(as_cell(cell, "cell"), heading_deg)
+        return self._state.grid.robot.moves.explain(as_cell(cell, "cell"), heading_deg)
 
     @checked(InvalidQueryError)
     @one_at_a_time

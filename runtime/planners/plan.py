@@ -4,12 +4,13 @@ import math
 from dataclasses import asdict, dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
 from nnpp_edge.runtime.arrays import Cells, Floats, Int32, headings_along
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
+from nnpp_edge.runtime.options import METHODS, STILL, Entry
 from nnpp_edge.runtime.search.region import Region
 
 if TYPE_CHECKING:
@@ -26,54 +27,18 @@ class _Named(StrEnum):
     def _missing_(cls, value: object) -> NoReturn:
         raise InvalidQueryError(f"method must be one of {', '.join(cls)}, got {value!r}")
 
-
-class Method(_Named):
-    """Ways of planning; InvalidQueryError for another name, as of `DynamicMethod`."""
-
-    AUTO = "auto"
-    ASTAR = "astar"
-    CORRIDOR = "corridor"
-    NNPP = "nnpp"
-
-
-class DynamicMethod(_Named):
-    """Ways of replanning on a map that changes."""
-
-    AUTO = "auto"
-    ASTAR = "astar"
-    """Exact A* over the whole map, afresh each time."""
-    DSTAR = "dstar"
-    """D* Lite over the whole map: exact, and repaired rather than searched anew."""
-    CORRIDOR = "corridor"
-    """Coarse to fine, afresh each time."""
-    CORRIDOR_DSTAR = "corridor-dstar"
-    """The corridor of the present start, and inside it D* Lite, repaired from step to step."""
-    NNPP = "nnpp"
-    """The network's region of the present start, and A* in it; with a body the corridor."""
-    NNPP_DSTAR = "nnpp-dstar"
-    """The network's region of the present start, and inside it D* Lite (the paper's D*NN); with a
-    body as ``nnpp``.
-    """
-
     @property
-    def whole_map(self) -> bool:
-        """Whether the whole map is searched, without coarse levels."""
-        return self in (DynamicMethod.ASTAR, DynamicMethod.DSTAR)
+    def entry(self) -> Entry:
+        """All that is known of it."""
+        return METHODS[self]
 
-    @property
-    def asks_network(self) -> bool:
-        """Whether the network is run, which ``auto`` does not."""
-        return self.startswith("nnpp")
 
-    @property
-    def mends_regions(self) -> bool:
-        """Whether D* Lite is kept for regions."""
-        return self.endswith("-dstar")
-
-    @property
-    def base(self) -> Method:
-        """The method of each step, whatever is kept from one to the next."""
-        return Method.ASTAR if self is DynamicMethod.DSTAR else Method(self.removesuffix("-dstar"))
+_make: Any = _Named  # of which type checkers know no members
+_NAMES = {name.upper().replace("-", "_"): name for name in METHODS}
+Method = _make("Method", {key: name for key, name in _NAMES.items() if name in STILL})
+"""Ways of planning; InvalidQueryError for another name, as of `DynamicMethod`."""
+DynamicMethod = _make("DynamicMethod", _NAMES)
+"""Ways of replanning on a map that changes."""
 
 
 class Source(StrEnum):
@@ -99,7 +64,7 @@ class Plan:
     """
 
     status: Status
-    method: Method
+    method: str
     """The method that was used; for ``auto`` the one it picked."""
     source: Source | None = None
     """Where the path was found; None where no search was made."""

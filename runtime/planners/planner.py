@@ -256,7 +256,9 @@ class Planner(OnMap):
         came, and whether from the start; else from the goal.
         """
         memory = self._methods.exhausted
-        return self._state.grid.robot.came_to(self._state.grid, as_cell(start, "start"), memory)
+        return self._state.grid.robot.moves.came_to(
+            self._state.grid, as_cell(start, "start"), memory
+        )
 
     def _planned(self, start: Cell, goal: Cell, asked: PlanOptions, work: Work) -> Plan:
         refining = self._frees(asked.get("refine"))
@@ -276,7 +278,7 @@ class Planner(OnMap):
     ) -> Plan:
         """The plan by the search alone."""
         methods = self._methods
-        begin, wanted = self._state.grid.robot.ends(
+        begin, wanted = self._state.grid.robot.moves.ends(
             asked.get("start_heading_deg"),
             asked.get("goal_heading_deg"),
             asked.get("goal_tolerance_deg", 0.0),

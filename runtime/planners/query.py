@@ -13,7 +13,7 @@ from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.options import PlanOptions
-from nnpp_edge.runtime.planners.plan import DynamicMethod, Plan, Source
+from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan, Source
 from nnpp_edge.runtime.robots.robot import Robot
 from nnpp_edge.runtime.search.astar import Query, Search
 from nnpp_edge.runtime.search.region import Region
@@ -75,9 +75,8 @@ class Found(NamedTuple):
         if search.status is Status.OK:
             # g is kept in float32: a refused cell's f may be too high by its rounding
             start, goal = search.path[[0, -1], :2].tolist()
-            bound = min(
-                costs[0], search.refused_f * (1.0 - 1e-6) + grid.robot.worth_of_height(start, goal)
-            )
+            worth = float(grid.robot.price.worth(start, goal))
+            bound = min(costs[0], search.refused_f * (1.0 - 1e-6) + worth)
         work.stage_ends("path")
         return cls(search, source, *costs, bound, region)
 
@@ -118,7 +117,7 @@ class Found(NamedTuple):
         states = search.path[:, 2] if search.path.shape[1] == 3 else None
         plan = Plan(
             search.status,
-            by.base,
+            Method(by.entry.keeps or by),
             self.source,
             path,
             self.cost,
@@ -167,7 +166,7 @@ def told(problem: Status, query: Query, robot: Robot) -> str:
     """Which cell of a query is at fault and why, for people."""
     at_start = problem in (Status.START_OUTSIDE_MAP, Status.START_BLOCKED)
     cell = query.start if at_start else query.goal
-    reason = robot.why_blocked(cell) if problem.endswith("BLOCKED") else ""
+    reason = robot.stance.why_blocked(cell) if problem.endswith("BLOCKED") else ""
     why = f": {reason}" if reason else ""
     return f"{'start' if at_start else 'goal'} {cell} {in_words(problem)}{why}"
 

@@ -30,7 +30,7 @@ class AStarSearcher:
 
     def __init__(self, state: MapState) -> None:
         self.grid = grid = state.grid
-        self.workspace = Workspace(len(grid.weights), grid.robot.states_a_node)
+        self.workspace = Workspace(len(grid.weights), grid.robot.moves.states_a_node)
         self._log = state.log
         self._landmarks: Landmarks | None = None
         self._changes: ChangeReader | None = None
@@ -44,7 +44,9 @@ class AStarSearcher:
         """
         hints = self.landmarks.towards(query.goal) if self.landmarks else None
         robot = self.grid.robot
-        return work.searched(robot.search(self.grid, query, self.workspace, region, hints, limit))
+        return work.searched(
+            robot.moves.search(self.grid, query, self.workspace, region, hints, limit)
+        )
 
     @property
     def landmarks(self) -> "Landmarks | None":

@@ -5,15 +5,13 @@ from typing import NamedTuple
 
 from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.errors import Status
-from nnpp_edge.runtime.planners.methods import Methods, Way
-from nnpp_edge.runtime.planners.plan import DynamicMethod, Plan
+from nnpp_edge.runtime.planners.methods import Methods
+from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan
 from nnpp_edge.runtime.planners.query import Work
 from nnpp_edge.runtime.planners.slices import InSlices
 from nnpp_edge.runtime.planners.standing_path import StandingPath
 from nnpp_edge.runtime.search.astar import Query
-from nnpp_edge.runtime.tuning import NEAR
 
-_CORRIDOR = "a new corridor is faster than repairs"
 _NEARER = "no path leads to the goal: as near to it as there is a way"
 
 
@@ -53,18 +51,9 @@ class Finder(NamedTuple):
         return replace(instead, choice=_NEARER) if instead.ok else plan
 
     def _to_goal(self, query: Query, work: Work, options: Options) -> Plan:
-        methods = self.methods
         wanted = options.method
-        by_figures = wanted is DynamicMethod.AUTO
-        ways = self._by_figures(query) if by_figures else [methods.way(wanted)]
-        return methods.plan(query, work, wanted, ways, keep_regions=options.keep_regions)
-
-    def _by_figures(self, query: Query) -> list[Way]:
-        """How ``auto`` finds a path, and why so."""
-        methods = self.methods
-        if query.apart < NEAR and not methods.state.grid.robot.drives_arcs:
-            return list(methods.near_ways(_CORRIDOR))
-        return [methods.way(DynamicMethod.CORRIDOR, _CORRIDOR)]
+        ways = self.methods.ways(wanted, query)
+        return self.methods.plan(query, work, wanted, ways, keep_regions=options.keep_regions)
 
 
 class Searching:
@@ -118,7 +107,7 @@ class Searching:
         method = self.options.method
         return Plan(
             Status.TIMEOUT,
-            method.base,
+            Method(method.entry.keeps or method),
             planner=method,
             expansions=self.work.expansions,
             reason=reason,

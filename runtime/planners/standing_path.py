@@ -343,7 +343,7 @@ class StandingPath:
     def _by_way_of(self, part: Rectangle, at: Cell, goal: Cell) -> float:
         """The least that a path by way of a rectangle's cells costs."""
         row, col, rows, cols = part
-        cost = self._grid.robot.worth_of_height(at, goal)
+        cost = float(self._grid.robot.price.worth(at, goal))
         for end in (at, goal):
             near_row = min(max(end[0], row), row + rows - 1)
             near_col = min(max(end[1], col), col + cols - 1)

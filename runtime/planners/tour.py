@@ -113,7 +113,8 @@ def tour(
         return Tour(ordered, order, tuple(found), _as_one(found, ordered, grid), given_cost)
 
     made = by(order)
-    if grid.robot.by_poses and not math.isnan(given_cost):  # legs alone cost less than all as one
+    # legs alone cost less than all as one, where the robot must turn between them
+    if grid.robot.readiness and not math.isnan(given_cost):
         as_given = made if order == given else by(given)
         cheaper = min(as_given, made, key=lambda each: each.plan.cost)
         made = replace(cheaper, given_cost=as_given.plan.cost)
@@ -163,7 +164,7 @@ class _Legs:
         found: list[Plan] = []
         for begin, end in self.along(order):
             leg = self.plan(begin, end)
-            heading = self._grid.robot.arrival(found[-1].walked) if found and leg.ok else -1
+            heading = self._grid.robot.moves.arrival(found[-1].walked) if found and leg.ok else -1
             if heading >= 0:
                 leg = self._plan(self._stops[begin], self._stops[end], direction=heading)
             found.append(finish(leg))
@@ -287,7 +288,7 @@ def _as_one(legs: Sequence[Plan], stops: Sequence[Cell], grid: Grid) -> Plan:
         vehicle=first.vehicle,
         along=first.along if arcs else None,  # of which `Plan.over` needs the cells' sides
         waypoints=joined(lines).astype(np.float64) if len(lines) == len(legs) else None,
-        cost=costs[0] if grid.robot.by_poses else sum(leg.cost for leg in legs),
+        cost=costs[0],
         traverse_cost=costs[2],
         **{name: sum(getattr(leg, name) for leg in legs) for name in _SUMMED},
     )

@@ -1,13 +1,13 @@
-"""What the map, the searches and the planners ask of a robot, and never which kind it is.
+"""A robot: a stance, a price and its moves, composed.
 
-A `Robot` is a point: it stands on a cell, and its steps cost by the weights of their ends. The
-others, in the rooms `slope` and `body`, answer the same questions. All are asked by way of a
-`Grid`, which they do not keep.
+*Stance*: where it may stand and go, what a patch touches, and why not. *Price*: what steps and
+paths cost. *Moves*: what a search goes over; `CellMoves` goes over cells, a body's over states, and
+only those have headings. Each is asked by way of a `Grid`, which they do not keep.
 """
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -19,6 +19,7 @@ from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.nodes import COL_STEP, ROW_STEP
 from nnpp_edge.runtime.kernels.paths import measure, walk
 from nnpp_edge.runtime.kernels.records import Hints
+from nnpp_edge.runtime.options import CELLS
 from nnpp_edge.runtime.search.astar import (
     Links,
     Query,
@@ -31,7 +32,7 @@ from nnpp_edge.runtime.search.astar import (
 from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.terrain.step_cost import SQRT2
-from nnpp_edge.runtime.tuning import CORRIDOR, WIDENED_CORRIDOR
+from nnpp_edge.runtime.tuning import CORRIDOR, NEAR, WIDENED_CORRIDOR
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.map.changes import Change
@@ -45,39 +46,187 @@ if TYPE_CHECKING:
 Edges = Float32s
 PathCosts = tuple[float, float, float]
 """Cost, length in cells and CC of a path, summed in float64."""
+WAYS = tuple(zip(ROW_STEP, COL_STEP, strict=True))
+"""(rows, columns) of the steps that lead from a cell to those beside it."""
 
 
-class Robot:
-    """A point, whose steps cost by the weights of their ends, see `terrain.step_cost`."""
+class Stance(Protocol):
+    """Where a robot may stand and go: 7 members."""
 
-    # --- what kind of search serves it
+    @property
+    def reach(self) -> Cell:
+        """Rows and columns from a cell to those that are below it on its way from there."""
+
+    @property
+    def checks(self) -> int:
+        """Number of poses that have been checked so far."""
+
+    def weights(self, grid: "Grid") -> Float32s:
+        """(nodes,) inf where no step may lead; empty where the moves' states decide."""
+
+    def stands_at(self, grid: "Grid", cell: Cell) -> bool:
+        """Whether a cell of the map can be stood on."""
+
+    def touched(
+        self, change: "Change", part: Rectangle, state: "MapState", *, heights: bool
+    ) -> "Change":
+        """The change with all cells where it may stand or go otherwise than before."""
+
+    def complete(self) -> None:
+        """Check now all that is else checked where a search reads it."""
+
+    def why_blocked(self, cell: Cell) -> str:
+        """Why it cannot stand on a cell, where that is known better than by the cell's cost."""
+
+
+class Price(Protocol):
+    """What steps and paths cost: 10 members."""
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether a step costs the same both ways: landmarks and any angle serve then."""
+
+    @property
+    def metre(self) -> float:
+        """What a metre of level ground costs beside a cell's price; 0 where cells' weights say."""
+
+    def edges(self, backwards: bool = False) -> Edges | None:
+        """(nodes, ways) costs of steps; None where they cost by the weights of their ends."""
+
+    def bounds(self, grid: "Grid", shortest: float) -> tuple[float, float, float]:
+        """Least cost of getting a straight and a diagonal step closer, and of the dearest step."""
+
+    def walk(self, grid: "Grid", path: Cells, first: int, costs: Floats) -> int:
+        """As `Grid.walk`."""
+
+    def costs_of(self, grid: "Grid", path: Cells) -> PathCosts:
+        """Of a path; inf for an empty one."""
+
+    def worth(self, start: Cell, end: Cell | None = None) -> Float32s | float:
+        """By how much a path to `end`, or to each cell, costs more than its steps as searches take
+        them.
+        """
+
+    def follow(self, change: "Change", part: Rectangle, *, heights: bool) -> "Change":
+        """The change with all cells whose steps cost otherwise than before."""
+
+    def coarse(self, shape: Cell, prices: tuple[float, float]) -> "Price":
+        """The price on a coarse level of this shape."""
+
+    def pool(self, levels: Sequence["Level"], changed: Rectangle) -> Iterator[None]:
+        """Bring coarse levels' steps up to date above a rectangle, stripe by stripe."""
+
+
+class PointStance:
+    """On a cell that is not shut."""
+
+    reach: Cell = (0, 0)
+    checks = 0
+
+    def weights(self, grid: "Grid") -> Float32s:
+        """Weights by which its steps may lead, inf where they may not; empty where others
+        decide.
+        """
+        return grid.weights
+
+    def stands_at(self, grid: "Grid", cell: Cell) -> bool:
+        """Whether a cell of the map can be stood on."""
+        if grid.tiles is not None:
+            grid.tiles.open_at(*cell)
+        return math.isfinite(grid.weights[grid.node(*cell)])
+
+    def touched(
+        self, change: "Change", part: Rectangle, state: "MapState", *, heights: bool
+    ) -> "Change":
+        return change
+
+    def complete(self) -> None:
+        return
+
+    def why_blocked(self, cell: Cell) -> str:
+        return ""
+
+
+class CellPrice:
+    """Steps cost by the weights of their ends, see `terrain.step_cost`."""
+
+    symmetric = True
+    metre = 0.0
+
+    def edges(self, backwards: bool = False) -> Edges | None:
+        return None
+
+    def bounds(self, grid: "Grid", shortest: float) -> tuple[float, float, float]:
+        straight = grid.model.step(0, 2.0 * grid.least)
+        diagonal = min(grid.model.step(1, 2.0 * grid.least), 2.0 * straight)
+        return straight * shortest, diagonal * shortest, grid.model.step(0, 2.0 * grid.greatest)
+
+    def walk(self, grid: "Grid", path: Cells, first: int, costs: Floats) -> int:
+        """As `Grid.walk`."""
+        if grid.tiles is not None:
+            grid.tiles.open_along(path[first:])
+        return int(walk(grid.packed, path, first, costs))
+
+    def costs_of(self, grid: "Grid", path: Cells) -> PathCosts:
+        """Cost, length in cells and CC of a path, summed in float64; inf for an empty one."""
+        if not len(path):
+            return math.inf, math.inf, math.inf
+        if grid.tiles is not None:  # a search may not have read all of it
+            grid.tiles.open_along(path)
+        straight, diagonal, by_straight, by_diagonal, total = measure(
+            grid.weights, grid.stride, path
+        )
+        length_s, length_d, weight_s, weight_d = grid.model.steps
+        lengths = length_s * straight + length_d * diagonal
+        weights = weight_s * by_straight + weight_d * by_diagonal
+        scale = grid.model.scale
+        return lengths + weights, straight + SQRT2 * diagonal, total / scale if scale else 0.0
+
+    def worth(self, start: Cell, end: Cell | None = None) -> Float32s | float:
+        return 0.0
+
+    def follow(self, change: "Change", part: Rectangle, *, heights: bool) -> "Change":
+        return change
+
+    def coarse(self, shape: Cell, prices: tuple[float, float]) -> "Price":
+        return CellPrice()
+
+    def pool(self, levels: Sequence["Level"], changed: Rectangle) -> Iterator[None]:
+        return iter(())
+
+
+class CellMoves:
+    """Searches over cells, eight ways from each. States' moves (`robots.body`) are a subclass,
+    whose own members only the body's room asks for.
+    """
 
     states_a_node = 1
     """Places of a search on a node."""
     columns = 2
-    """Numbers of a place on a path: its cell, and its state where that counts."""
-    by_poses = False
-    """Whether a search goes over poses, which are checked, rather than over cells."""
-    by_slope = False
-    """Whether steps cost otherwise one way than the other."""
-    keeps_old_weights = True
-    """Whether a change of the map is known by the weights of its cells before and after."""
-    learned_region = True
-    """Whether a network's region serves it."""
+    """Numbers of a place on a path: its cell, and of arcs its state."""
+    over = CELLS
+    """What a search goes over, by which methods are refused: see `options.METHODS`."""
     corridors = CORRIDOR, WIDENED_CORRIDOR
     """Widths of the corridor in which a path is looked for first, and of the next."""
     corridors_to_heading = CORRIDOR, WIDENED_CORRIDOR
     """Those to a goal with a heading."""
-    drives_arcs = False
-    """Whether its path is one of states, and what guides its search is kept for the next."""
     corridor_tries = 1
     """How often coarse levels are searched, each time without the links that led nowhere."""
+    most_levels = 64
+    """Coarse levels that are searched, at most."""
+    band_up_to = math.inf
+    """Cells to the goal up to which a corridor has all of its band."""
+    most_above = most_in_vain = math.inf
+    """A path in a corridor that costs more times what was promised is doubted; and expansions
+    without a path, by the square of the cells to the goal, from which on no wider corridor is
+    tried.
+    """
+    near = NEAR
+    """Cells to a goal that is looked for on the whole map first."""
     weight_share = 1.0
     """Share of the cells' weight that counts on coarse levels, where the rest is not known."""
     line_refusal = ""
     """Why its paths cannot be freed from the grid; empty where they can."""
-    reach: Cell = (0, 0)
-    """Rows and columns from a cell to those that are below the robot on its way from there."""
     shortest = 1.0
     """Length of the shortest way over that by straight and diagonal steps."""
     swing: Cell = (0, 0)
@@ -90,28 +239,15 @@ class Robot:
     """
     poses: "Poses | None" = None
     """Of a body: which have been checked, and with what result."""
-    checks = 0
-    """Number of poses that have been checked so far."""
-    symmetric = True
-    """Whether a path costs the same both ways, and is driven so."""
-    has_landmarks = True
-    """Whether landmarks serve its searches: its steps cost alike both ways, without turns."""
-    repairs = True
-    """Whether D* Lite plans for it."""
-    ways = tuple(zip(ROW_STEP, COL_STEP, strict=True))
-    """(rows, columns) of the steps that lead from a cell."""
+    drives_both_ways = True
+    """Whether a path is driven so both ways."""
+    ways = WAYS
 
-    def edges(self, backwards: bool = False) -> Edges | None:
-        """Costs of the steps, as searches take them; `backwards` of those that come to a cell, on a
-        coarse level.
-
-        None where steps cost by the weights of their ends.
+    def at_ends(self, query: Query) -> float:
+        """By how much less a path may cost than a search's bound, as no steps are counted at ends
+        with a heading.
         """
-        return None
-
-    def states(self) -> "States":
-        """A body's motions, where a search goes over its poses."""
-        raise NotImplementedError
+        return 0.0
 
     def turns_in_field(self, apart: int) -> float:
         """Share of what a body's turns cost that the costs to go in a corridor count, so many cells
@@ -119,19 +255,9 @@ class Robot:
         """
         raise NotImplementedError
 
-    def states_by(self, edges: Edges, metre: float) -> "States":
-        """As `states`, where legs cost by `edges`, and turns by what a metre of level
-        ground does.
-        """
+    def states(self, price: Price) -> "States":
+        """A body's motions, whose legs cost by the edges of a price, if it has any."""
         raise NotImplementedError
-
-    def weights(self, grid: "Grid") -> Float32s:
-        """Weights by which its steps may lead, inf where they may not; empty where others
-        decide.
-        """
-        return grid.weights
-
-    # --- its search
 
     def search(
         self,
@@ -155,86 +281,11 @@ class Robot:
         """How its costs spread from a cell to all others."""
         return spreading(grid, links)
 
-    # --- where it may stand, and what its paths cost
-
-    def stands_at(self, grid: "Grid", cell: Cell) -> bool:
-        """Whether a cell of the map can be stood on."""
-        if grid.tiles is not None:
-            grid.tiles.open_at(*cell)
-        return math.isfinite(grid.weights[grid.node(*cell)])
-
-    def walk(self, grid: "Grid", path: Cells, first: int, costs: Floats) -> int:
-        """As `Grid.walk`."""
-        if grid.tiles is not None:
-            grid.tiles.open_along(path[first:])
-        return int(walk(grid.packed, path, first, costs))
-
     def walk_turns(self, grid: "Grid", path: Cells, first: int, costs: Floats, metre: float) -> int:
         """As `walk`, where turns alone cost, by what a metre of level ground does."""
-        blocked = self.walk(grid, path, first, costs)
+        blocked = CellPrice().walk(grid, path, first, costs)
         costs[first:] = 0.0
         return blocked
-
-    def costs_of(self, grid: "Grid", path: Cells) -> PathCosts:
-        """Cost, length in cells and CC of a path, summed in float64; inf for an empty one."""
-        if not len(path):
-            return math.inf, math.inf, math.inf
-        if grid.tiles is not None:  # a search may not have read all of it
-            grid.tiles.open_along(path)
-        straight, diagonal, by_straight, by_diagonal, total = measure(
-            grid.weights, grid.stride, path
-        )
-        length_s, length_d, weight_s, weight_d = grid.model.steps
-        lengths = length_s * straight + length_d * diagonal
-        weights = weight_s * by_straight + weight_d * by_diagonal
-        scale = grid.model.scale
-        return lengths + weights, straight + SQRT2 * diagonal, total / scale if scale else 0.0
-
-    def prices(self, grid: "Grid") -> tuple[float, float]:
-        """Cost of getting a straight and a diagonal step closer where all cells are as cheap as the
-        cheapest: by these the octile distance is no more than any path's cost.
-        """
-        straight = grid.model.step(0, 2.0 * grid.least)
-        diagonal = min(grid.model.step(1, 2.0 * grid.least), 2.0 * straight)
-        return straight * self.shortest, diagonal * self.shortest
-
-    def greatest(self, grid: "Grid") -> float:
-        """No step costs more."""
-        return grid.model.step(0, 2.0 * grid.greatest)
-
-    def worth_of_height(self, start: Cell, goal: Cell) -> float:
-        """By how much a path between two cells costs more than its steps as searches take them."""
-        return 0.0
-
-    def with_heights(self, field: Float32s, start: Cell) -> Float32s:
-        """(H, W) costs from a cell to every other, given what a search sums up."""
-        return field
-
-    # --- what a change of the map touches
-
-    def complete(self) -> None:
-        """Compute now all that is else computed where a search reads it."""
-
-    def follow(
-        self, change: "Change", part: Rectangle, state: "MapState", *, heights: bool
-    ) -> "Change":
-        """The change with all cells whose steps may have changed, after one of the map's weights.
-
-        `part` is where new heights, or else costs, were put; empty where none were new.
-        """
-        return change
-
-    def coarse(self, shape: Cell, prices: tuple[float, float]) -> "Robot":
-        """The robot on a coarse level of this shape."""
-        return Robot()
-
-    def pool(self, levels: Sequence["Level"], changed: Rectangle) -> Iterator[None]:
-        """Bring the steps of coarse levels up to date above a rectangle of the map, stripe by
-        stripe.
-        """
-        return iter(())
-
-    # --- headings
 
     def direction(self, heading_deg: float) -> int:
         """The direction nearest to a heading, in degrees clockwise from grid north; -1 where none
@@ -261,12 +312,6 @@ class Robot:
             "start_heading_deg and goal_heading_deg want a vehicle's body on elevations"
         )
 
-    # --- why not
-
-    def why_blocked(self, cell: Cell) -> str:
-        """Why it cannot stand on a cell, where that is known better than by the cell's cost."""
-        return ""
-
     def came_to(
         self, grid: "Grid", start: Cell, memory: Workspace, deadline: Deadline = NEVER
     ) -> tuple[Bool, bool]:
@@ -283,7 +328,7 @@ class Robot:
         came = np.isfinite(memory.costs(nodes.ravel())).reshape(nodes.shape)
         around = sliding_window_view(np.pad(came, 1), (3, 3)).any((2, 3))
         beside = nodes[around & ~came]
-        return any(self.stands_at(grid, grid.cell(node)) for node in beside.tolist())
+        return any(grid.is_passable(grid.cell(node)) for node in beside.tolist())
 
     def costs_of_cells(
         self, grid: "Grid", start: Cell, memory: Workspace, deadline: Deadline
@@ -292,7 +337,8 @@ class Robot:
         are those of cells, whatever the direction, and promise too little.
         """
         settle_all(grid, start, memory, deadline=deadline)
-        return self.with_heights(grid.inner(memory.costs()), start)
+        costs: Float32s = grid.inner(memory.costs()) + grid.robot.price.worth(start)
+        return costs
 
     def why_ended(
         self, grid: "Grid", start: Cell, goal: Cell, memory: Workspace, deadline: Deadline
@@ -307,3 +353,67 @@ class Robot:
         raise InvalidQueryError(
             "explain: wanted a vehicle with length, width and clearance on a map of elevations"
         )
+
+
+class Robot(NamedTuple):
+    """A stance, a price and moves."""
+
+    stance: Stance = PointStance()
+    price: Price = CellPrice()
+    moves: CellMoves = CellMoves()
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether a path costs the same both ways, and is driven so."""
+        return self.price.symmetric and self.moves.drives_both_ways
+
+    def follow(
+        self, change: "Change", part: Rectangle, state: "MapState", *, heights: bool
+    ) -> "Change":
+        """The change with all cells whose steps may have changed, after one of the map's weights.
+
+        `part` is where new heights, or else costs, were put; empty where none were new.
+        """
+        change = self.stance.touched(change, part, state, heights=heights)
+        return self.price.follow(change, part, heights=heights)
+
+    @property
+    def readiness(self) -> float:
+        """By how much a robot on its way may have it cheaper than one that sets out there."""
+        return self.moves.readiness * self._unit
+
+    @property
+    def _unit(self) -> float:
+        """What a cell of turning costs, by the price."""
+        poses = self.moves.poses
+        if poses is None or self.price.edges() is None:
+            return 1.0
+        return poses.sides_m[0] * self.price.metre
+
+    @property
+    def keeps_old_weights(self) -> bool:
+        """Whether a change of the map is known by the weights of its cells before and after."""
+        return self.price.edges() is None and self.moves.over == CELLS
+
+    @property
+    def has_landmarks(self) -> bool:
+        """Whether landmarks serve its searches."""
+        return self.price.symmetric and self.moves.over == CELLS
+
+    @property
+    def line_refusal(self) -> str:
+        """Why its paths cannot be freed from the grid; empty where they can."""
+        if self.price.edges() is None:
+            return self.moves.line_refusal
+        return (
+            "prices lines by the map's cost: wanted step_cost='paper' or 'length', got steps that "
+            "cost by their slope"
+        )
+
+    def at_ends(self, query: Query) -> float:
+        """By how much less a path may cost than a search's bound, see `CellMoves.at_ends`."""
+        return self.moves.at_ends(query) * self._unit
+
+    def states(self) -> "States":
+        """A body's motions."""
+        return self.moves.states(self.price)

@@ -172,7 +172,13 @@ def astar(
     farthest = 1.0 + beyond if beyond else kernels.BELOW
     rule = Rule(*grid.prices, width, _successors(grid, links), farthest)
     landmarks = kernels.NO_HINTS if hints is None else tuple(hints)
-    before = grid.packed, grid.robot.edges(backwards), _ways(links), allowed(region), landmarks
+    before = (
+        grid.packed,
+        grid.robot.price.edges(backwards),
+        _ways(links),
+        allowed(region),
+        landmarks,
+    )
     search = Spreading(kernels.expand, before, rule)
     ends = Ends(first, last)
     code, length, expansions, refused = run(
@@ -252,7 +258,7 @@ def _ways(links: Links) -> UInt8:
 
 def spreading(grid: "Grid", links: Links = None) -> Spreading:
     """How a point's costs spread."""
-    steps = (grid.packed, grid.robot.edges(), _ways(links))
+    steps = (grid.packed, grid.robot.price.edges(), _ways(links))
     rule = Rule(0.0, 0.0, bucket_width(grid), _successors(grid, links), kernels.BELOW)
     return Spreading(kernels.expand, (*steps, kernels.NO_REGION, kernels.NO_HINTS), rule)
 
@@ -282,7 +288,7 @@ def _settling(
     """Search on, `most` expansions each time: the least cost that may yet fall, inf in the end; or
     OutOfTimeError.
     """
-    search = grid.robot.spreading(grid, workspace, links)
+    search = grid.robot.moves.spreading(grid, workspace, links)
     begin = grid.node(*source)
     code = PAUSED
     while code == PAUSED:
@@ -298,7 +304,8 @@ def cost_field(grid: "Grid", source: Cell, workspace: Workspace) -> Float2D:
     there is none.
     """
     settle_all(grid, source, workspace)
-    return grid.robot.with_heights(grid.inner(workspace.costs()), source)
+    field: Float2D = grid.inner(workspace.costs()) + grid.robot.price.worth(source)
+    return field
 
 
 def costs_to_nearest(
@@ -324,19 +331,19 @@ def costs_to_nearest(
             if settled.sum() > count:  # the cell itself is one of them
                 break
         costs[at] = np.where(settled, found, within)
-        costs[at] += [grid.robot.worth_of_height(stop, other) for other in stops]
+        costs[at] += [grid.robot.price.worth(stop, other) for other in stops]
         known[at] |= settled | (within == math.inf)
     return costs, known
 
 
 def bucket_width(grid: "Grid", hints: Hints | None = None) -> float:
     """Of a bucket of the open list at first, in units of f."""
-    by_grid = DIRECTED_BUCKET_WIDTH if grid.robot.by_slope else BUCKET_WIDTH
+    by_grid = DIRECTED_BUCKET_WIDTH if not grid.robot.price.symmetric else BUCKET_WIDTH
     return grid.prices[0] * (by_grid if hints is None else BUCKET_WIDTH_BY_LANDMARKS)
 
 
 def _successors(grid: "Grid", links: Links) -> Int64:
     """The steps from a cell that its best predecessor leaves to search."""
-    if links is not None or grid.robot.by_slope:
+    if links is not None or grid.robot.price.edges() is not None:
         return kernels.SUCCESSORS[0]
     return kernels.SUCCESSORS[2 if grid.corner_cutting and grid.model.kind is StepCost.PAPER else 1]

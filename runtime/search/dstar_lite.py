@@ -26,6 +26,7 @@ from nnpp_edge.runtime.kernels.records import (
     Packed,
     UnitEdges,
 )
+from nnpp_edge.runtime.options import CELLS
 from nnpp_edge.runtime.search.astar import Search
 from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.terrain.step_cost import StepCost
@@ -43,7 +44,7 @@ def serves(grid: "Grid") -> bool:
     """Whether D* Lite plans on this map: a point's or a disc's, with steps near enough to one
     another in cost.
     """
-    return grid.robot.repairs and grid.step_ratio <= MOST_RATIO_FOR_DSTAR
+    return grid.robot.moves.over == CELLS and grid.step_ratio <= MOST_RATIO_FOR_DSTAR
 
 
 class DStarMemory:
@@ -92,7 +93,7 @@ class DStarLite:
 
     def __init__(self, state: "MapState", goal: Cell, region: Region | None = None) -> None:
         self._grid = state.grid
-        directed = self._grid.robot.edges()
+        directed = self._grid.robot.price.edges()
         self._edges: Packed | None = None
         if directed is not None:
             self._edges = tuple(UnitEdges(directed, UNITS / self._grid.prices[0]))

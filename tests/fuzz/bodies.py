@@ -111,8 +111,8 @@ def _compared(case, dem, lazy, dense, fresh):
 
 def poses_of(planner):
     """A planner's; all checked."""
-    planner.state.grid.robot.poses.complete()
-    return planner.state.grid.robot.poses
+    planner.state.grid.robot.moves.poses.complete()
+    return planner.state.grid.robot.moves.poses
 
 
 def motions_on(poses):

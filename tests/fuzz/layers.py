@@ -285,7 +285,7 @@ def _wrong_answer(message, case, layers, pose, goal):
     path = message.path
     cost = planner.state.grid.costs_of(path)[0]
     near = 1e-4 * abs(best.cost) + 1e-5
-    legs = 1 if planner.state.grid.robot.poses is None else 2
+    legs = 1 if planner.state.grid.robot.moves.poses is None else 2
     wrong = {
         "a path with a leap": not np.isin(np.abs(np.diff(path, axis=0)).max(1), (1, legs)).all(),
         "other ends": (tuple(path[0]), tuple(path[-1])) != (pose.cell, goal.cell),

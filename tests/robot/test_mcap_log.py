@@ -34,7 +34,7 @@ from nnpp_edge.runtime import (
     StatusMessage,
 )
 from nnpp_edge.runtime.errors import OutputError, Status
-from nnpp_edge.runtime.map.kinds import map_state
+from nnpp_edge.runtime.map.state import map_state
 from tests.strategies import flat
 
 STATE = map_state(Ground(flat(5, 5, 0.2)))

@@ -22,7 +22,7 @@ from nnpp_edge.runtime import (
     Vehicle,
 )
 from nnpp_edge.runtime.errors import InvalidQueryError, MissingExtraError, OutputError
-from nnpp_edge.runtime.map.kinds import map_state
+from nnpp_edge.runtime.map.state import map_state
 from nnpp_edge.viz.picture import cost_picture
 
 PATH = np.array([[3, 4], [4, 5], [4, 6]], np.int32)

@@ -31,7 +31,7 @@ from nnpp_edge.ros.maps import GridMap, MapFrame
 from nnpp_edge.runtime import Counters, DynamicPlanner, Ground, Navigator
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.loop.messages import StatusMessage
-from nnpp_edge.runtime.map.kinds import map_state
+from nnpp_edge.runtime.map.state import map_state
 from tests.robot.conftest import wait_until
 from tests.robot.ros2_types import built
 

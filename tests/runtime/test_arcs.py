@@ -151,7 +151,7 @@ def dijkstra(codes, vehicle, sides, scale, starts):
 
 def with_codes(made, seed):
     """Random codes in place of what was checked; (H, W, M)."""
-    poses = made.state.grid.robot.poses
+    poses = made.state.grid.robot.moves.poses
     rng = np.random.default_rng(seed)
     poses.complete()
     poses.codes[:] = rng.integers(1, MOST_CODE, poses.codes.shape)

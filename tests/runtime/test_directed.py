@@ -234,7 +234,8 @@ def walked(grid, path):
     }
     steps = zip(path.tolist(), np.diff(path, axis=0).tolist(), strict=False)
     return sum(
-        float(grid.robot.edges()[grid.node(*cell), directions[tuple(step)]]) for cell, step in steps
+        float(grid.robot.price.edges()[grid.node(*cell), directions[tuple(step)]])
+        for cell, step in steps
     )
 
 
@@ -244,10 +245,12 @@ def test_a_coarse_steps_cost_is_the_mean_of_the_steps_below(vehicle):
     planner = Planner.of_elevation(ramp(16, 20, 0.1), 1.0, vehicle=vehicle, **options)
     coarse = planner.state.pyramid.levels[1].grid
     assert coarse.prices == planner.state.grid.prices
-    uphill, downhill = coarse.robot.edges()[coarse.node(1, 2), [3, 2]].tolist()
+    uphill, downhill = coarse.robot.price.edges()[coarse.node(1, 2), [3, 2]].tolist()
     assert uphill == pytest.approx(0.72 + (6.0 - 1.9998) * 0.1, rel=1e-3)
     assert downhill == pytest.approx(0.72, rel=1e-3)
-    assert coarse.robot.backwards[coarse.node(1, 2), 2] == pytest.approx(uphill)  # from the left
+    assert coarse.robot.price.backwards[coarse.node(1, 2), 2] == pytest.approx(
+        uphill
+    )  # from the left
 
 
 # --- by hand, on ramps

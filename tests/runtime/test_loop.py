@@ -40,7 +40,7 @@ from nnpp_edge.runtime import (
 from nnpp_edge.runtime.loop import workers
 from nnpp_edge.runtime.loop.patches import Patches
 from nnpp_edge.runtime.loop.timing import Histogram, Ticker
-from nnpp_edge.runtime.map.kinds import map_state
+from nnpp_edge.runtime.map.state import map_state
 from tests.strategies import flat, state_of
 
 

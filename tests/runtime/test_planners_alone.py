@@ -6,11 +6,13 @@ import ast
 import inspect
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from nnpp_edge.runtime import DynamicPlanner, Planner, Region, Source, Status, Vehicle, tuning
+from nnpp_edge.runtime.options import CELLS, STATES
 from nnpp_edge.runtime.planners import methods as methods_module
 from nnpp_edge.runtime.planners.mending import MendingSearcher
 from nnpp_edge.runtime.planners.methods import Methods, pick_method
@@ -209,16 +211,17 @@ def test_auto_goes_by_distance_size_network_and_body(network):
     large = tuning.LARGE_MAP
     far = tuning.FAR
     near = tuning.NEAR
-    for shape, model, has_body, methods in (
-        ((256, 256), "edge", False, "astar corridor corridor corridor"),
-        ((large - 1, 30), "edge", False, "astar corridor corridor corridor"),
-        ((300, large), "edge", False, "astar corridor corridor nnpp"),
-        ((large, large), "edge-joint", False, "astar corridor corridor corridor"),
-        ((512, 512), "edge", True, "astar corridor corridor corridor"),
+    for shape, model, over, methods in (
+        ((256, 256), "edge", CELLS, "astar corridor corridor corridor"),
+        ((large - 1, 30), "edge", CELLS, "astar corridor corridor corridor"),
+        ((300, large), "edge", CELLS, "astar corridor corridor nnpp"),
+        ((large, large), "edge-joint", CELLS, "astar corridor corridor corridor"),
+        ((512, 512), "edge", STATES, "astar corridor corridor corridor"),
     ):
-        picked = [
-            pick_method(shape, model, has_body, apart) for apart in (near - 1, near, far - 1, far)
-        ]
+        moves = SimpleNamespace(over=over, near=near)
+        grid = SimpleNamespace(robot=SimpleNamespace(moves=moves))
+        state = SimpleNamespace(shape=shape, grid=grid)
+        picked = [pick_method(state, model, apart) for apart in (near - 1, near, far - 1, far)]
         assert " ".join(str(method) for method, _ in picked) == methods and all(
             reason for _, reason in picked
         )

@@ -23,11 +23,11 @@ from nnpp_edge.runtime import (
 )
 from nnpp_edge.runtime.kernels.nodes import STAMP_SHIFT
 from nnpp_edge.runtime.kernels.poses import AXIS_COUNT, FAILS, MOST_CODE, REFUSALS, check_run
-from nnpp_edge.runtime.planners import coarse_to_fine
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseLevel
 from nnpp_edge.runtime.robots.body import motions
 from nnpp_edge.runtime.robots.body.attitude import attitudes, costs_at, explain
 from nnpp_edge.runtime.robots.body.poses import Poses
+from nnpp_edge.runtime.robots.body.robot import BodyMoves
 from nnpp_edge.runtime.search.astar import Query
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.terrain.rocks import with_rocks
@@ -297,7 +297,7 @@ def test_motions_and_plans_are_the_naive_ones_checked_at_once_or_where_a_search_
 
 def with_motions(made, seed, omega):
     """Random ones in place of what was checked; the priced motions."""
-    poses = made.state.grid.robot.poses
+    poses = made.state.grid.robot.moves.poses
     rng = np.random.default_rng(seed)
     poses.complete()
     poses.codes[:] = rng.integers(1, MOST_CODE, poses.codes.shape)
@@ -353,7 +353,7 @@ def test_a_tour_turns_at_its_stops_where_it_can_and_pays_for_that():
 
 def test_a_tour_does_not_turn_at_a_stop_where_turning_fails():
     planner = fresh(flat(17, 21))
-    planner.state.grid.robot.poses.codes[:, AXIS_COUNT:] = FAILS
+    planner.state.grid.robot.moves.poses.codes[:, AXIS_COUNT:] = FAILS
     assert planner.plan_via((8, 5), (8, 15), [(8, 10)], method="astar").plan.ok
     assert not planner.plan_via((8, 5), (5, 10), [(8, 10)], method="astar").plan.ok
 
@@ -378,7 +378,7 @@ def test_a_path_pays_for_its_turns_and_makes_none_that_fails(planner):
     made = planner(np.zeros((40, 40)))
     path = np.array([(20, 20), (20, 21), (19, 21)], np.int32)
     costs = np.zeros(3)
-    poses = made.state.grid.robot.poses
+    poses = made.state.grid.robot.moves.poses
     turn = 0.5 * math.pi * ROVER.turn_m_per_rad / CELL_M
     poses.complete()
     for blocked in (None, 0, 4, 7):  # the path turns from direction 4 to 8
@@ -398,7 +398,7 @@ def test_checks_are_made_where_a_search_looks_and_are_kept(planner):
     goal = (37, 44)
     ours = planner(dem)
     first, again = (ours.plan(start, goal, method="astar") for _ in range(2))
-    most = len(ours.state.grid.robot.poses.motions.swept) * dem.size
+    most = len(ours.state.grid.robot.moves.poses.motions.swept) * dem.size
     assert first.ok and 0 < first.checks <= most
     assert again.checks == 0 and again.cost == first.cost
     row, col = first.path[len(first.path) // 2]
@@ -433,10 +433,10 @@ def test_a_search_that_reaches_its_limit_of_expansions_calls_no_dearer_path_the_
     hills = 0.3 * np.cumsum(np.cumsum(rng.normal(0.0, 0.02, (24, 30)), 0), 1)
     heights = (hills + rng.choice([0.0, 0.25], p=[0.93, 0.07], size=(24, 30))).astype(np.float32)
     grid = Planner.of_elevation(heights, 0.5, vehicle=Vehicle(1.4, 1.0, 0.3)).state.grid
-    workspace = Workspace(len(grid.weights), grid.robot.states_a_node)
+    workspace = Workspace(len(grid.weights), grid.robot.moves.states_a_node)
 
     def search(limit=None):
-        return grid.robot.search(grid, Query((4, 4), (19, 25)), workspace, None, limit=limit)
+        return grid.robot.moves.search(grid, Query((4, 4), (19, 25)), workspace, None, limit=limit)
 
     best = search()
     # on these maps a dearer path is known in this range
@@ -451,10 +451,10 @@ def test_the_judges_of_motions_and_plans_can_fail(monkeypatch, planner):
     rock = np.where(np.arange(480).reshape(dem.shape) == 250, 0.4, dem)
     assert bodies.problem_with_motions(made, dem) is None
     assert bodies.problem_with_motions(made, rock).kind == "a motion that passes breaks belly"
-    made.state.grid.robot.poses.codes[0, 0] = 9
-    made.state.grid.robot.poses.codes[300, 3] = 9000
+    made.state.grid.robot.moves.poses.codes[0, 0] = 9
+    made.state.grid.robot.moves.poses.codes[300, 3] = 9000
     assert bodies.problem_with_motions(made, dem).kind == "T of a motion is another"
-    made.state.grid.robot.poses.codes[300, AXIS_COUNT] = FAILS
+    made.state.grid.robot.moves.poses.codes[300, AXIS_COUNT] = FAILS
     monkeypatch.setattr(bodies, "T_ROUNDED", 1.0)
     assert bodies.problem_with_motions(made, dem).kind == "a code of a motion is another"
     plan = planner(dem).plan((8, 6), (8, 12), method="astar")
@@ -604,7 +604,7 @@ def test_to_a_far_goal_a_body_has_a_narrower_corridor(monkeypatch):
     heights = (0.4 * np.sin(rows / 9.0) * np.cos(cols / 13.0)).astype(np.float32)
     plans = []
     for up_to in (150, math.inf):
-        monkeypatch.setattr(coarse_to_fine, "BODY_BAND_UP_TO", up_to)
+        monkeypatch.setattr(BodyMoves, "band_up_to", up_to)
         made = Planner.of_elevation(heights, 1.0, vehicle=Vehicle(2.4, 1.2, 0.3))
         plans.append(made.plan((80, 20), (80, 480), method="corridor", keep_regions=True))
     narrow, wide = plans

@@ -195,7 +195,9 @@ def test_a_path_begins_where_the_robot_is_by_then(robot):
     plan, _ = sliced(planner)
     assert tuple(plan.path[0]) == (14, 16) and tuple(plan.path[-1]) == GOAL
     assert planner.first_blocked(plan.walked) < 0
-    assert plan.states is None or plan.states[0] % 16 == planner.state.grid.robot.direction(120.0)
+    assert plan.states is None or plan.states[0] % 16 == planner.state.grid.robot.moves.direction(
+        120.0
+    )
     exact = moving(robot, rocks(5, *SHAPE, 0.004), "astar")
     exact.move((14, 16), 120.0)
     best = exact.replan().cost
@@ -464,7 +466,9 @@ def test_a_robot_beside_its_path_is_led_back_to_it(robot, monkeypatch):
     planner.move((12, 16), 100.0)
     plan = planner.joined()
     assert plan.ok and tuple(plan.path[0]) == (12, 16) and tuple(plan.path[-1]) == GOAL
-    assert plan.states is None or plan.states[0] % 16 == planner.state.grid.robot.direction(100.0)
+    assert plan.states is None or plan.states[0] % 16 == planner.state.grid.robot.moves.direction(
+        100.0
+    )
     planner.move((12, 60), 100.0)
     assert planner.joined() is None
 

@@ -5,6 +5,7 @@ joined.
 import itertools
 import math
 from dataclasses import replace
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from hypothesis import strategies as st
 from nnpp_edge.runtime import Method, Plan, Planner, Source, Status, Traversability
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.planners.tour import tour
+from nnpp_edge.runtime.robots.robot import CellPrice, Robot
 from tests import oracles
 from tests.strategies import flat, uniform
 
@@ -56,7 +58,7 @@ def test_where_there_costs_another_than_back_the_best_order_is_the_cheapest_too(
         return Plan(Status.OK, Method.ASTAR, Source.MAP, ends, cost=between[begin[1], end[1]])
 
     grid = Planner(flat(1, count)).state.grid
-    grid.robot.symmetric = False
+    grid.robot = Robot(price=mock.Mock(wraps=CellPrice(), symmetric=False))
     best, given_cost = oracles.cheapest_order(between.tolist())
     known = np.random.default_rng(seed).random(between.shape) < 0.5
     partly = np.where(known, between, 0.7 * between), known

@@ -19,7 +19,7 @@ from nnpp_edge.runtime import (
 )
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 from nnpp_edge.runtime.kernels.poses import FAILS
-from nnpp_edge.runtime.map.coarse import CoarseState
+from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.terrain.step_cost import PAPER_OMEGA
 from nnpp_edge.runtime.tuning import MOST_PRICE
 from nnpp_edge.terrain.synthetic import synthetic_terrain
@@ -200,7 +200,7 @@ def test_a_body_goes_by_prices_until_its_poses_are_known(turning):
     assert bool(plan.arcs) == bool(turning) and 0.0 < plan.numbers.climb_m < np.ptp(HEIGHTS) * 3.0
     planner.update_elevation(0, 0, HEIGHTS[:60, :60])
     seen = planner.plan(START, GOAL)
-    reach = max(planner.state.grid.robot.poses.reach)
+    reach = max(planner.state.grid.robot.moves.poses.reach)
     assert seen.ok and seen.known > 20 and (seen.path.max(1) + reach < 60).argmin() == seen.known
     planner = coarse(vehicle=body)
     planner.update_elevation(0, 0, HEIGHTS)
@@ -223,7 +223,7 @@ def test_an_obstacle_and_the_edge_shut_the_motions_on_unseen_ground_that_they_do
     for each in (planner, flat):
         each.update(0, 0, told)
     assert not planner.standing().valid and planner.replan().ok
-    poses, known = (each.state.grid.robot.poses for each in (planner, flat))
+    poses, known = (each.state.grid.robot.moves.poses for each in (planner, flat))
     poses.complete()
     known.complete()
     assert np.array_equal(poses.codes >= FAILS, known.codes >= FAILS)
@@ -271,7 +271,7 @@ def test_the_loop_says_how_far_its_path_is_known_and_looks_once():
     navigator.offer(Goal(*GOAL))
     navigator.offer(Pose(*START))
     look = mock.patch.object(
-        CoarseState, "known_along", autospec=True, side_effect=CoarseState.known_along
+        MapState, "known_along", autospec=True, side_effect=MapState.known_along
     )
     with look as asked:
         assert navigator.tick().known == 0 and asked.call_count == 1
@@ -289,7 +289,7 @@ def test_poses_at_the_edge_of_what_was_seen_are_not_refused_for_want_of_the_rest
     planner = Planner.of_coarse(means, FACTOR * CELL_M, FACTOR, prior="slope", vehicle=body)
     planner.update_elevation(30, 30, heights[30:70, 30:70])
     assert (
-        planner.state.grid.robot.poses.standing()[:, 5:-5, 5:-5] < FAILS
+        planner.state.grid.robot.moves.poses.standing()[:, 5:-5, 5:-5] < FAILS
     ).all()  # a plane of 24.7 degrees, all of it
     planner.update_elevation(
         66, 30, heights[66:70, 30:70] + np.where(np.arange(40) < 20, 30.0, 0.0).astype(np.float32)

@@ -7,7 +7,7 @@ import { MapView } from "./map.js";
 import { metres, Profile } from "./profile.js";
 
 const byId = (id) => document.getElementById(id);
-const METHODS = ["auto", "astar", "corridor", "nnpp"];
+let METHODS = []; // the names that the site gives
 const STATUS = {
   START_BLOCKED: "The start is impassable: drag it elsewhere",
   GOAL_BLOCKED: "The goal is impassable: drag it elsewhere",
@@ -99,6 +99,7 @@ function opening(site) {
   byId("refused").replaceChildren(...site.refused.map(swatch));
   document.querySelector("[data-format=gpx]").hidden = !site.gpx;
   putEnds();
+  METHODS = Object.keys(site.methods);
   byId("methods").tBodies[0].replaceChildren(...METHODS.map(row));
   const side = Math.ceil(Math.max(map.frame.clientWidth, map.frame.clientHeight) * devicePixelRatio);
   pixels = { pixels: Math.min(Math.max(side, 512), 2048) };

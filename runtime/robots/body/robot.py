@@ -11,6 +11,7 @@ from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.lattice import KNIGHT
 from nnpp_edge.runtime.kernels.records import BY_LENGTH, FIXED, Hints, Prices
+from nnpp_edge.runtime.options import STATES
 from nnpp_edge.runtime.robots.body import motions
 from nnpp_edge.runtime.robots.body.arcs import direction_near, directions_within
 from nnpp_edge.runtime.robots.body.attitude import PoseCheck, explain
@@ -24,18 +25,27 @@ from nnpp_edge.runtime.robots.body.search import (
     search_states,
     spreading,
 )
-from nnpp_edge.runtime.robots.robot import Edges, PathCosts, Robot
+from nnpp_edge.runtime.robots.robot import (
+    CellMoves,
+    CellPrice,
+    PathCosts,
+    Price,
+    Robot,
+)
 from nnpp_edge.runtime.search.astar import Links, Query, Search, Spreading
 from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.tuning import (
     ARC_CORRIDOR,
     ARC_TURNS_IN_FIELD,
+    BODY_BAND_UP_TO,
     BODY_CORRIDOR,
     BODY_WEIGHT,
     LARGE_RADIUS,
+    MOST_ABOVE_FIELD,
     MOST_ARC_CORRECTIONS,
     MOST_CORRECTIONS,
+    MOST_IN_VAIN,
     MOST_SWING,
     ROOMY_ARC_CORRIDOR,
     SWING,
@@ -51,18 +61,73 @@ if TYPE_CHECKING:
     from nnpp_edge.runtime.map.state import MapState
 
 
-class BodyRobot(Robot):
-    """A body that drives legs and turns on the spot.
+class BodyStance:
+    """Where a body stands on the ground, by its checks."""
 
-    A leg costs its length by what it is checked to be, a turn by its angle.
-    """
+    def __init__(self, poses: Poses) -> None:
+        self.poses = poses
+        self.reach = poses.reach
 
-    by_poses = True
-    keeps_old_weights = False
-    learned_region = False
-    symmetric = True
-    has_landmarks = False
-    repairs = False
+    @property
+    def checks(self) -> int:
+        return self.poses.checked
+
+    def weights(self, grid: "Grid") -> Float32s:
+        return np.empty(0, np.float32)
+
+    def stands_at(self, grid: "Grid", cell: Cell) -> bool:
+        return self.poses.stands_at(cell)
+
+    def touched(
+        self, change: "Change", part: Rectangle, state: "MapState", *, heights: bool
+    ) -> "Change":
+        if not part[2]:
+            return change
+        told = state.told
+        shut = None if told is None else told[slices(part)] >= 1.0
+        touched = self.poses.write(*part[:2], state.known_heights(part), shut)
+        return change._replace(part=touched, cells=touched[2] * touched[3], cheaper=True)
+
+    def complete(self) -> None:
+        self.poses.complete()
+
+    def why_blocked(self, cell: Cell) -> str:
+        return why_blocked(self.poses, cell)
+
+
+class BodyPrice(CellPrice):
+    """A leg costs its length by what it is checked to be, a turn by its angle."""
+
+    def __init__(self, poses: Poses) -> None:
+        self.poses = poses
+
+    def bounds(self, grid: "Grid", shortest: float) -> tuple[float, float, float]:
+        greatest = max(math.hypot(*axis) for axis in motions.AXIS_LEGS)
+        least = super().bounds(grid, shortest)[:2]
+        return *least, greatest * (1.0 + 2.0 * grid.model.scale)
+
+    def walk(self, grid: "Grid", path: Cells, first: int, costs: Floats) -> int:
+        blocked = self.poses.walk(path, first, costs)
+        if blocked < 0 and first == len(path) - 1:  # it moves no more
+            row, col = path[-1, :2].tolist()
+            return -1 if self.poses.stands_at((row, col)) else first
+        return blocked
+
+    def costs_of(self, grid: "Grid", path: Cells) -> PathCosts:
+        if not len(path):
+            return math.inf, math.inf, math.inf
+        costs = np.zeros(len(path))
+        cost = math.inf if self.poses.walk(path, 0, costs) >= 0 else float(costs[-1])
+        lengths, rated = self.poses.cost_along(path)
+        return cost, float(lengths.sum()), float((lengths * rated).sum())
+
+
+class BodyMoves(CellMoves):
+    """Legs, and turns on the spot between sixteen directions."""
+
+    over = STATES
+    most_levels = 1
+    band_up_to = BODY_BAND_UP_TO
     corridors = corridors_to_heading = BODY_CORRIDOR, WIDENED_BODY_CORRIDOR
     corridor_tries = MOST_CORRECTIONS
     weight_share = BODY_WEIGHT
@@ -73,25 +138,24 @@ class BodyRobot(Robot):
 
     def __init__(self, poses: Poses) -> None:
         self.poses = poses
-        self.reach = poses.reach
         self.states_a_node = len(poses.prices.moves)
         self.shortest = KNIGHT * poses.primitives.shortest
         self.readiness = float(poses.prices.turns.max())
         self._last_metres: tuple[Query, LastMetres | None] | None = None
         """Those of the newest query."""
 
-    @property
-    def checks(self) -> int:  # type: ignore[override]
-        return self.poses.checked
+    def at_ends(self, query: Query) -> float:
+        turns = int(query.direction >= 0) + int(query.wanted is not None)
+        return turns * self.readiness
 
     def turns_in_field(self, apart: int) -> float:
         return TURNS_IN_FIELD
 
-    def states(self) -> States:
-        return States(self.poses.packed, NO_EDGES, self.poses.prices)
-
-    def states_by(self, edges: Edges, metre: float) -> States:
-        return States(self.poses.packed, edges, self._turns_by(metre))
+    def states(self, price: Price) -> States:
+        edges = price.edges()
+        if edges is None:
+            return States(self.poses.packed, NO_EDGES, self.poses.prices)
+        return States(self.poses.packed, edges, self._turns_by(price.metre))
 
     def _turns_by(self, metre: float) -> Prices:
         """The prices of its motions, where turns cost by what a metre of level ground does."""
@@ -127,48 +191,11 @@ class BodyRobot(Robot):
         states = grid.robot.states()
         return spreading(grid, states, workspace, np.ones(workspace.states, np.bool_))
 
-    def stands_at(self, grid: "Grid", cell: Cell) -> bool:
-        return self.poses.stands_at(cell)
-
-    def weights(self, grid: "Grid") -> Float32s:
-        return np.empty(0, np.float32)
-
-    def walk(self, grid: "Grid", path: Cells, first: int, costs: Floats) -> int:
-        blocked = self.poses.walk(path, first, costs)
-        if blocked < 0 and first == len(path) - 1:  # it moves no more
-            row, col = path[-1, :2].tolist()
-            return -1 if self.poses.stands_at((row, col)) else first
-        return blocked
-
     def walk_turns(self, grid: "Grid", path: Cells, first: int, costs: Floats, metre: float) -> int:
         prices = self._turns_by(metre)
         prices.fares[..., BY_LENGTH] = 0.0
         prices = prices._replace(unit=np.float32(0.0))
         return self.poses.walk(path, first, costs, prices=prices)
-
-    def costs_of(self, grid: "Grid", path: Cells) -> PathCosts:
-        if not len(path):
-            return math.inf, math.inf, math.inf
-        costs = np.zeros(len(path))
-        cost = math.inf if self.poses.walk(path, 0, costs) >= 0 else float(costs[-1])
-        lengths, rated = self.poses.cost_along(path)
-        return cost, float(lengths.sum()), float((lengths * rated).sum())
-
-    def greatest(self, grid: "Grid") -> float:
-        return max(math.hypot(*axis) for axis in motions.AXIS_LEGS) * (1.0 + 2.0 * grid.model.scale)
-
-    def complete(self) -> None:
-        self.poses.complete()
-
-    def follow(
-        self, change: "Change", part: Rectangle, state: "MapState", *, heights: bool
-    ) -> "Change":
-        if not part[2]:
-            return change
-        told = state.told
-        shut = None if told is None else told[slices(part)] >= 1.0
-        touched = self.poses.write(*part[:2], state.known_heights(part), shut)
-        return change._replace(part=touched, cells=touched[2] * touched[3], cheaper=True)
 
     def direction(self, heading_deg: float) -> int:
         return direction_near(heading_deg, self.poses.sides_m)
@@ -192,9 +219,6 @@ class BodyRobot(Robot):
         if goal_deg is None:
             return begin, None
         return begin, directions_within(goal_deg, tolerance_deg, self.poses.sides_m)
-
-    def why_blocked(self, cell: Cell) -> str:
-        return why_blocked(self.poses, cell)
 
     def came_to(
         self, grid: "Grid", start: Cell, memory: Workspace, deadline: Deadline = NEVER
@@ -224,13 +248,15 @@ class BodyRobot(Robot):
         return explain(self.poses, cell, heading_deg)
 
 
-class ArcRobot(BodyRobot):
-    """A body that drives arcs too: its path is one of states."""
+class ArcMoves(BodyMoves):
+    """Arcs too: the path is one of states."""
 
     columns = 3
-    drives_arcs = True
+    near = 0
+    most_above = MOST_ABOVE_FIELD
+    most_in_vain = MOST_IN_VAIN
     corridor_tries = MOST_ARC_CORRECTIONS
-    symmetric = False
+    drives_both_ways = False
     corridors = ARC_CORRIDOR, WIDENED_ARC_CORRIDOR
 
     def __init__(self, poses: Poses) -> None:
@@ -246,6 +272,9 @@ class ArcRobot(BodyRobot):
         self.corridors_to_heading = first, WIDENED_ARC_CORRIDOR
         self.readiness = poses.vehicle.gear_change_m / poses.sides_m[0]
 
+    def at_ends(self, query: Query) -> float:
+        return 0.0
+
     def turns_in_field(self, apart: int) -> float:
         far = apart * self._radius
         return next(share for within, share in ARC_TURNS_IN_FIELD if far <= within)
@@ -254,6 +283,7 @@ class ArcRobot(BodyRobot):
         return int(path[-1, 2]) % len(motions.LEGS)
 
 
-def body_robot(poses: Poses) -> BodyRobot:
+def body_robot(poses: Poses) -> Robot:
     """The robot of a vehicle's poses."""
-    return BodyRobot(poses) if poses.vehicle.turning_radius_m is None else ArcRobot(poses)
+    moves = BodyMoves if poses.vehicle.turning_radius_m is None else ArcMoves
+    return Robot(BodyStance(poses), BodyPrice(poses), moves(poses))

@@ -247,11 +247,11 @@ def search_states(
     first = grid.node(*query.start)
     last = grid.node(*query.goal)
     if first == last and _may_stay(query):
-        return Search(Status.OK, np.array([_at_once(query)[: robot.columns]], np.int32), 0)
+        return Search(Status.OK, np.array([_at_once(query)[: robot.moves.columns]], np.int32), 0)
     if last_metres is not None and last_metres.hold(first):
         last_metres = None  # so near that the field may as well begin at the goal
     elif last_metres is not None and last_metres.exhausted:
-        return Search.without_path(Status.NO_PATH, columns=robot.columns)
+        return Search.without_path(Status.NO_PATH, columns=robot.moves.columns)
     most = limit or WITHOUT_END
     refused_at_least = math.inf if region is None else octile_cost(grid, query)
     # where the field begins
@@ -270,7 +270,7 @@ def search_states(
     if code != FOUND:
         status = Status.NO_PATH if code == EXHAUSTED else Status.TIMEOUT
         refused = min(refused, refused_at_least)
-        nothing = Search.without_path(status, spent, refused, robot.columns)
+        nothing = Search.without_path(status, spent, refused, robot.moves.columns)
         return nothing._replace(exhausted=field if code == EXHAUSTED else None)
     # search the states by it, from the start to the goal
     guide = Guide(first, float(field.g[2 * first]), turns)
@@ -315,7 +315,7 @@ def may_open(grid: "Grid", query: Query, memory: Workspace, part: Rectangle) -> 
     """As `Robot.may_open`. A field goes on from its cells near the change, as far as that leads; of
     a search of states it is known only where it came nowhere near.
     """
-    near = grid.nodes(widened(part, grid.robot.reach, grid.shape)).ravel()
+    near = grid.nodes(widened(part, grid.robot.stance.reach, grid.shape)).ravel()
     costs = memory.costs(near)
     came = np.isfinite(costs)
     if memory.states > 1 or not came.any():
@@ -401,7 +401,7 @@ def by_field(
     if code == EXHAUSTED:
         found = found._replace(exhausted=exhausted)
     path = found.path
-    if grid.robot.columns == 2:  # cells alone, of those that it turns on one
+    if grid.robot.moves.columns == 2:  # cells alone, of those that it turns on one
         moved = np.any(np.diff(path[:, :2], axis=0, prepend=-1), axis=1)
         path = np.ascontiguousarray(path[moved, :2])
     return found._replace(path=path, promised=guide.promised)
@@ -440,7 +440,7 @@ def turns_in_field(grid: "Grid", query: Query, region: Region | None) -> Float32
     assert states is not None
     if region is None:
         return states.prices.turns[:0]
-    share = grid.robot.turns_in_field(query.apart)
+    share = grid.robot.moves.turns_in_field(query.apart)
     turns: Float32s = np.float32(share) * states.prices.turns
     return turns
 

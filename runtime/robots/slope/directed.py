@@ -17,15 +17,13 @@ from nnpp_edge.runtime.cells import Cell, Rectangle, enclosing, slices, widened
 from nnpp_edge.runtime.kernels.directed import join_steps, pool_steps, price_steps
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.kernels.records import FinerSteps, SlopePrices, Ways
-from nnpp_edge.runtime.robots.robot import Edges, PathCosts, Robot
+from nnpp_edge.runtime.robots.robot import WAYS, CellPrice, Edges, PathCosts, Robot
 from nnpp_edge.runtime.robots.slope.cost import SlopeCost
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.map.changes import Change
     from nnpp_edge.runtime.map.grid import Grid
     from nnpp_edge.runtime.map.pyramid import Level
-    from nnpp_edge.runtime.map.state import MapState
-    from nnpp_edge.runtime.robots.body.search import States
 
 _ROUNDED_DOWN = 1.0 - 1e-6
 """Of the cheapest step: edges are rounded to float32, the prices of the heuristic are not."""
@@ -33,42 +31,16 @@ _OBSTACLE = 1.5
 """Cost of an impassable cell in a coarse cell's mean, in times of a level step
 (docs/decisions/slope-costs.md).
 """
-_AS_UNDER = (
-    "states_a_node",
-    "columns",
-    "by_poses",
-    "learned_region",
-    "corridor_tries",
-    "corridors",
-    "corridors_to_heading",
-    "turns_in_field",
-    "weight_share",
-    "reach",
-    "shortest",
-    "repairs",
-    "poses",
-    "search",
-    "spreading",
-    "stands_at",
-    "complete",
-    "direction",
-    "arrival",
-    "ends",
-    "why_blocked",
-    "why_ended",
-    "explain",
-)
-"""Answers that do not depend on what steps cost: those of the robot whose steps these are."""
 _THREADS_FROM = 20_000
 """Cells from which on steps are computed by a thread a core."""
 
 
-class CoarseSlopeRobot(Robot):
+class CoarseSlopePrice(CellPrice):
     """Costs of the steps of a coarse level, both ways; `prices` are those of the map's
     own steps.
     """
 
-    by_slope = True
+    symmetric = False
 
     def __init__(self, shape: Cell, prices: tuple[float, float]) -> None:
         rows, cols = shape
@@ -90,8 +62,8 @@ class CoarseSlopeRobot(Robot):
     def edges(self, backwards: bool = False) -> Edges:
         return self.backwards if backwards else self.forwards
 
-    def prices(self, grid: "Grid") -> tuple[float, float]:
-        return self._prices
+    def bounds(self, grid: "Grid", shortest: float) -> tuple[float, float, float]:
+        return *self._prices, math.inf
 
     def average(
         self,
@@ -118,22 +90,15 @@ class CoarseSlopeRobot(Robot):
         join_steps(self.means, (top, top + tall, left, left + wide), edges, backwards)
 
 
-class SlopeRobot(Robot):
+class SlopePrice(CellPrice):
     """Costs of the steps of a map of heights.
 
     `heights` (H, W) float32 in metres, C-contiguous and not finite where unknown, are kept: whoever
-    changes them says so (`follow`). The grid's own steps, a point's or poses', say where these may
+    changes them says so (`follow`). The grid's own robot, a point or a body, says where steps may
     lead.
     """
 
-    by_slope = True
-    keeps_old_weights = False
     symmetric = False
-    has_landmarks = False
-    line_refusal = (
-        "prices lines by the map's cost: wanted step_cost='paper' or 'length', got steps that cost "
-        "by their slope"
-    )
 
     def __init__(
         self,
@@ -149,16 +114,13 @@ class SlopeRobot(Robot):
         self.shape = grid.shape
         rows, cols = grid.shape
         dy, dx = sides_m
-        for name in _AS_UNDER:
-            setattr(self, name, getattr(self._under, name))
         self._ground = np.ascontiguousarray(model.ground(heights, sides_m), np.float32)
         """(H, W) how many times as dear a metre is on each cell; (0, 0) where that does not
         count."""
-        self._metre = float(model.cost(1.0, 0.0))
-        self.readiness = self._under.readiness * dy * self._metre
-        leads = np.array(self._under.ways, np.int64)
+        self.metre = float(model.cost(1.0, 0.0))
+        leads = np.array(self._under.moves.ways, np.int64)
         lengths = np.hypot(*(leads * sides_m).T)
-        self._weights = self._under.weights(grid)
+        self._weights = self._under.stance.weights(grid)
         if len(self._weights):
             grid.complete()
         self._ways = Ways(leads, lengths, len(self._weights) > 0, grid.corner_cutting)
@@ -170,7 +132,7 @@ class SlopeRobot(Robot):
         straight = least * min(dy, dx)
         self._prices = straight, min(least * math.hypot(dy, dx), 2.0 * straight)
         self._edges: Edges = np.empty(((rows + 2) * (cols + 2), len(lengths)), np.float32)
-        near = np.array([leads.tolist().index([*step]) for step in Robot.ways])
+        near = np.array([leads.tolist().index([*step]) for step in WAYS])
         self.finer = FinerSteps(self.padded, near)
         self.obstacle = (_OBSTACLE * model.least_per_m * lengths[near]).astype(np.float32)
         """(8,) what an impassable cell counts for in a coarse cell's mean, by direction."""
@@ -179,23 +141,16 @@ class SlopeRobot(Robot):
         self._compute((0, 0, rows, cols))
 
     @property
-    def checks(self) -> int:  # type: ignore[override]
-        return self._under.checks
-
-    @property
     def padded(self) -> Edges:
         """(H + 2, W + 2, 8 or 16) the steps, or a body's legs, by cell and direction, within a
         border.
         """
         return self._edges.reshape(self.shape[0] + 2, self.shape[1] + 2, -1)
 
-    def follow(
-        self, change: "Change", part: Rectangle, state: "MapState", *, heights: bool
-    ) -> "Change":
+    def follow(self, change: "Change", part: Rectangle, *, heights: bool) -> "Change":
         """Bring the steps up to date after a change of the weights, and of the heights in
         `part`.
         """
-        change = self._under.follow(change, part, state, heights=heights)
         new = part if heights else (0, 0, 0, 0)
         if len(self._ground) and new[2]:
             new = widened(new, (1, 1), self.shape)
@@ -223,13 +178,10 @@ class SlopeRobot(Robot):
     def edges(self, backwards: bool = False) -> Edges:
         return self._edges
 
-    def states(self) -> "States":
-        return self._under.states_by(self._edges, self._metre)
-
     def walk(
         self, grid: "Grid", path: NDArray[np.int32], first: int, costs: NDArray[np.float64]
     ) -> int:
-        blocked = self._under.walk_turns(grid, path, first, costs, self._metre)
+        blocked = self._under.moves.walk_turns(grid, path, first, costs, self.metre)
         cells = path[first:]
         lengths = np.hypot(*(np.diff(cells, axis=0) * self._sides).T)
         with np.errstate(invalid="ignore"):  # wherever steps lead
@@ -244,35 +196,28 @@ class SlopeRobot(Robot):
         return blocked
 
     def costs_of(self, grid: "Grid", path: NDArray[np.int32]) -> PathCosts:
-        cost, length, traverse_cost = self._under.costs_of(grid, path)
+        cost, length, traverse_cost = self._under.price.costs_of(grid, path)
         if len(path):
             costs = np.zeros(len(path))
             self.walk(grid, path, 0, costs)
             cost = float(costs[-1])
         return cost, length, traverse_cost
 
-    def worth_of_height(self, start: Cell, goal: Cell) -> float:
-        below, above = (float(self._heights[row, col]) for row, col in (start, goal))
-        return self._model.height_price * (above - below)
-
-    def with_heights(self, field: NDArray[np.float32], start: Cell) -> NDArray[np.float32]:
+    def worth(self, start: Cell, end: Cell | None = None) -> Edges | float:
+        if end is not None:
+            below, above = (float(self._heights[row, col]) for row, col in (start, end))
+            return self._model.height_price * (above - below)
         rise = self._heights - np.float64(self._heights[start])
-        return field + np.where(np.isfinite(rise), self._model.height_price * rise, 0.0).astype(
-            np.float32
-        )
+        worth = np.where(np.isfinite(rise), self._model.height_price * rise, 0.0)
+        return worth.astype(np.float32)
 
-    def prices(self, grid: "Grid") -> tuple[float, float]:
-        """As `Robot.prices`, of the cheapest metre over all slopes: no change of the map
-        alters it.
-        """
+    def bounds(self, grid: "Grid", shortest: float) -> tuple[float, float, float]:
+        """Of the cheapest metre over all slopes: no change of the map alters it."""
         straight, diagonal = self._prices
-        return straight * self.shortest, diagonal * self.shortest
+        return straight * shortest, diagonal * shortest, self._greatest
 
-    def greatest(self, grid: "Grid") -> float:
-        return self._greatest
-
-    def coarse(self, shape: Cell, prices: tuple[float, float]) -> Robot:
-        return CoarseSlopeRobot(shape, prices)
+    def coarse(self, shape: Cell, prices: tuple[float, float]) -> CoarseSlopePrice:
+        return CoarseSlopePrice(shape, prices)
 
     def pool(self, levels: Sequence["Level"], changed: Rectangle) -> Iterator[None]:
         finer = self.finer
@@ -285,8 +230,8 @@ class SlopeRobot(Robot):
             row1 = min(-(-row1 // FACTOR) + 1, shape[0])
             col0 = max(col0 // FACTOR - 1, 0)
             col1 = min(-(-col1 // FACTOR) + 1, shape[1])
-            coarse = level.grid.robot
-            assert isinstance(coarse, CoarseSlopeRobot)
+            coarse = level.grid.robot.price
+            assert isinstance(coarse, CoarseSlopePrice)
             for first, last in stripes(row1 - row0, 8 * FACTOR**2 * (col1 - col0)):
                 area = (row0 + first, col0, last - first, col1 - col0)
                 coarse.average(finer, level.pieces, area, self.obstacle)
@@ -307,3 +252,8 @@ class SlopeRobot(Robot):
 
         in_bands(price, row, row + rows, cols, threads_from=_THREADS_FROM)
         self._greatest = max(dearest)
+
+
+def by_slope(grid: "Grid", heights: Edges, sides_m: tuple[float, float], model: SlopeCost) -> Robot:
+    """The robot of a grid, with steps that cost by the slope."""
+    return grid.robot._replace(price=SlopePrice(heights, sides_m, model, grid))
