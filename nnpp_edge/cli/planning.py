@@ -40,9 +40,10 @@ from nnpp_edge.runtime.planners.query import problem_with
 from nnpp_edge.runtime.planners.tour import Tour
 from nnpp_edge.runtime.planners.windowed import WindowedPlanner
 from nnpp_edge.runtime.tuning import LARGE_MAP
+from nnpp_edge.terrain.coordinates import lonlat_of
 from nnpp_edge.terrain.dem import Dem, DemWindows, part_of
 from nnpp_edge.terrain.georeference import Place
-from nnpp_edge.terrain.route import Route, standing_along
+from nnpp_edge.terrain.route import Route, places_of, standing_along
 from nnpp_edge.viz.picture import Chart, Reached, body_outlines, plan_picture, refused_on
 from nnpp_edge.viz.sheet import Picture
 
@@ -58,7 +59,8 @@ _MOST_PIXELS = 2000
 def _ends(request: PlanRequest, place: Place) -> "Ends":
     """Cells of the map that a path is to lead from, through and to.
 
-    InvalidQueryError for several starts, goals with way points, and what lies outside the map.
+    InvalidQueryError for several starts, goals with way points, what lies outside the map, and GPX
+    of a map off the Earth.
     """
     start = request.start.one_cell(place, "--start")
     goals = [cell for end in request.goals for cell in end.cells(place)]
@@ -66,6 +68,11 @@ def _ends(request: PlanRequest, place: Place) -> "Ends":
     if via and len(goals) != 1:
         raise InvalidQueryError(f"--goal, with --via, must be one place, got {len(goals)}")
     refuse_outside(start, goals, place)
+    if "gpx" in request.formats:
+        try:
+            lonlat_of(place, places_of(place, np.array([start])))
+        except InvalidQueryError as error:
+            raise InvalidQueryError(f"--format gpx: {error}") from None
     return start, via, goals
 
 
@@ -248,8 +255,8 @@ def plan_by_windows(
         )
     within = {"epsilon": query.get("epsilon", math.inf)}
     within["time_limit_s"] = query.get("time_limit_s", math.inf)
-    limits = robot.limits()
     with robot.open(path) as ground, bar("rows of the map", ground.shape[0]) as advance:
+        limits = robot.limits(ground)
         warn_if_not_square(ground)
         start, via, goals = _ends(request, ground)
         planner = WindowedPlanner(

@@ -4,6 +4,7 @@ to find.
 
 import csv
 import math
+import sys
 from pathlib import Path
 
 import cv2
@@ -12,13 +13,20 @@ import pytest
 
 from nnpp_edge.cli import planning
 from nnpp_edge.ros.maps import GridMap, MapFrame
-from nnpp_edge.runtime import Traversability, exercises, plan_path, traversability_cost
+from nnpp_edge.runtime import (
+    Planner,
+    Traversability,
+    exercises,
+    plan_path,
+    traversability_cost,
+)
 from nnpp_edge.runtime.network import loading
 from nnpp_edge.runtime.planners import planner
 from nnpp_edge.runtime.planners.query import Work
 from nnpp_edge.terrain import dem as dem_module
 from nnpp_edge.terrain.dem import Dem, Georeference
 from nnpp_edge.terrain.rasters import raster_bytes
+from nnpp_edge.terrain.vehicle_files import load_vehicle
 from tests.cli.grounds import ENDS, rolling, written
 from tests.strategies import flat, uniform
 
@@ -323,6 +331,30 @@ def test_who_gave_a_wrong_place_does_not_wait(run, hills, monkeypatch):
         ):
             ended = run(f"plan hills.npz --start {start} --goal {goal} {limit}")
             ended.refused(f"{words} lies outside the map of 80 × 90 cells")
+    run(f"{EXACT} -o out --format gpx").refused("--format gpx: ", "the file names none")
+    monkeypatch.setattr(dem_module, "read_dem", never)
+    for words, module in (
+        (f"{EXACT} --format gpkg", "pyogrio"),
+        (f"{EXACT} --format svg", "matplotlib"),
+        ("reach hills.npz --start 5,5 --within-cost 9", "rasterio"),
+    ):
+        monkeypatch.setitem(sys.modules, module, None)
+        run(f"{words} -o out").refused(f"{module}: pip install")
+    assert not Path("out").exists()
+
+
+def test_files_of_an_earlier_plan_go_and_those_of_others_stay(run, hills, split):
+    run(f"plan hills.npz {ENDS} -o out --format gpkg --format png --format svg")
+    Path("out/notes.gpkg").write_text("mine")
+    Path("out/figure.pdf").write_text("mine")
+    read = "--start 5,5 --goal out/path.gpkg:stations -o out"
+    run(f"plan hills.npz {read}").refused("would replace out/path.gpkg, which is read")
+    run("plan hills.npz --start 5,5 --goal 40,86 -o out").refused("is impassable")
+    assert len(list(Path("out").iterdir())) == 10
+    ended = run(f"plan split.npz {ENDS} -o out --format svg")
+    kept = {"path.geojson", "path.csv", "plan.png", "plan.json", "figure.svg"}
+    assert ended.code == 1 and written("out/plan.json")["status"] == "NO_PATH"
+    assert {each.name for each in Path("out").iterdir()} == {*kept, "notes.gpkg", "figure.pdf"}
 
 
 def test_what_is_likely_is_said_where_more_is_not_proven(run, hills):
@@ -330,3 +362,7 @@ def test_what_is_likely_is_said_where_more_is_not_proven(run, hills):
     assert "likely within 2 % of the optimum, proven to be at most" in run(words).out
     proven = run(f"{words} --epsilon 0.01").out
     assert "likely" not in proven and ("proven" in proven or "the optimum" in proven)
+    body = Planner.of_elevation(hills, 2.0, vehicle=load_vehicle("large-rover"), warn=False)
+    for _ in range(2):  # its poses are checked once
+        found = body.plan((5, 5), (70, 80), method="corridor")
+        assert "likely within 4 % of the optimum" in str(found)

@@ -21,6 +21,7 @@ from nnpp_edge.runtime import Planner, Vehicle, pose_costs
 from nnpp_edge.runtime.kernels.poses import REFUSALS
 from nnpp_edge.runtime.map.along import Numbers
 from nnpp_edge.runtime.planners.turns import curvatures
+from nnpp_edge.runtime.robots.body.primitives import sharpest_m
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.georeference import Georeference
 from nnpp_edge.terrain.rasters import raster_bytes
@@ -216,6 +217,22 @@ def test_a_geopackage_has_the_stations_and_the_legs_with_their_numbers(told, hil
         assert word in words
 
 
+def test_rescaled_ground_costs_as_with_other_limits_and_lies_where_it_did(run, told, hills):
+    formats = "--format gpkg --format gpx --format png"
+    made = []
+    for words in ("--rescale 0.5", "--limit roughness_limit_m=2.4 --limit step_limit_m=0.8"):
+        found = told(f"{PLAN} --mobility large-rover {words} -o out {formats}")
+        line = np.array(written("out/path.geojson")["geometry"]["coordinates"])
+        assert np.hypot(*np.diff(line, axis=0).T).sum() == pytest.approx(found["length_m"])
+        areas = told(f"reach hills.tif --start 5,5 --within-time 1min {words}")["areas"]
+        assert run(f"costmap hills.tif -o cost.tif {words}").code == 0
+        exact = [Path("out", name) for name in ("path.csv", "path.gpx", "figure.png")]
+        same = [path.read_bytes() for path in (*exact, Path("cost.tif"))]
+        made.append([line.tolist(), areas, found["cost"], found["energy_j"], *same])
+    assert made[0] == made[1]
+    assert made[0][2] < told(PLAN)["cost"]
+
+
 def test_a_part_around_the_ends_has_the_same_path_in_the_same_place(run, told, hills):
     words = "plan {} --start 20,20 --goal 50,40 --method astar -o out"
     whole = told(words.format("hills.tif"))
@@ -393,6 +410,14 @@ def test_turns_are_no_sharper_than_the_vehicle_s(told, hills):
     refused = told(words.format(4, 390), code=1)
     assert refused["status"] == "NO_PATH" and "line" not in refused
     assert "no line that turns with a radius of 390 m" in refused["reason"]
+
+
+def test_a_radius_that_no_arc_between_cells_has_is_warned_of(run, hills):
+    words = f"{PLAN} {BODY} --set turning_radius_m={{}}"
+    told = run(words.format(6)).err
+    assert "cells of 2 m have a radius of at least 8.47 m, not 6 m: --resample 1.5 comes" in told
+    assert 6.0 < sharpest_m(6.0, (1.5, 1.5)) < 6.6
+    assert "arcs that" not in run(words.format(8)).err
 
 
 def test_the_loop_tells_way_points_where_it_is_asked_for_them(run):
