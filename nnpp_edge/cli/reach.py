@@ -135,8 +135,8 @@ def command(
         step_cost = "time" if mobility.time else "tobler"
         if mobility.time is None and mobility.tobler is None:
             raise click.UsageError(
-                "nobody walks there at the speeds of Tobler's function: for --within-time give "
-                "--vehicle or --mobility, or --step-cost tobler to count a walker's all the same"
+                "nobody walks there: for --within-time give speeds, by --vehicle or --mobility, or "
+                "--step-cost tobler to count a walker's all the same"
             )
     ground = replace(ground, step_cost=step_cost)
     planner = Planner(priced(ground, cost), **steps)

@@ -31,8 +31,12 @@ Stroke = tuple[Sequence[Sequence[float]] | Points, Colour, float]
 """A line of points (x, y), its colour and its width."""
 
 LEAST_PIXELS = 800
-_LARGE = 2000
+_LARGE = 1200
 """Longer sides, in pixels, below which a map is enlarged and above which it is reduced."""
+SHADES = np.uint8(0xF8)
+"""Of a ground's colours, the bits that are kept: nobody sees the others, and a file is half as
+large without them.
+"""
 _SHIFT = 4
 """Points are drawn to 1/16 pixel."""
 _LEAST_BODY = 7.0
@@ -82,7 +86,7 @@ class MapDrawing:
         self.picture = _paper(height + 2 * top, across + 2 * top)
         self.map = self.picture[top : top + height, left : left + width]
         """The map's pixels."""
-        self.map[:] = self._enlarged(ground)
+        self.map[:] = self._enlarged(ground) & SHADES
 
     def _enlarged(self, cells: Picture) -> Picture:
         height, width = self.map.shape[:2]

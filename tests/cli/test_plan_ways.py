@@ -27,7 +27,7 @@ from nnpp_edge.terrain.georeference import Georeference
 from nnpp_edge.terrain.rasters import raster_bytes
 from nnpp_edge.terrain.vehicle_files import load_mobility, load_vehicle
 from nnpp_edge.viz.palette import BODY as OUTLINE
-from nnpp_edge.viz.palette import POINT, REFUSED
+from nnpp_edge.viz.palette import PAPER, POINT, REFUSED, UNKNOWN
 from nnpp_edge.viz.picture import Tint, tinted
 from tests.cli.grounds import BODY, ENDS, GRID, PLACE, layer, rolling, written
 
@@ -251,7 +251,7 @@ def test_a_part_around_the_ends_has_the_same_path_in_the_same_place(run, told, h
     assert (everything["rows"], everything["start"]) == (80, [20, 20])
 
 
-def test_nobody_walks_on_another_body_unless_that_is_asked_for(run, told, tmp_path):
+def test_nobody_walks_off_the_earth_or_in_a_vehicle_unless_that_is_asked_for(run, told, tmp_path):
     moon = Georeference("ESRI:103878", (2.0, 0.0, 0.0, 0.0, -2.0, 0.0))
     heights = rolling()
     Path("moon.tif").write_bytes(
@@ -260,7 +260,9 @@ def test_nobody_walks_on_another_body_unless_that_is_asked_for(run, told, tmp_pa
     words = f"plan moon.tif {ENDS}"
     for unasked in (words, "plan sample:moon_rocks --start 60,9 --goal 60,113"):
         assert told(unasked)["time_s"] is None and "on foot" not in run(unasked).out
-    assert told("plan sample:earth_hummocks --start 9,9 --goal 60,60")["time_s"] > 0.0
+    earth = "plan sample:earth_hummocks --start 9,9 --goal 60,60"
+    assert told(earth)["time_s"] > 0.0
+    assert told(f"{earth} --set radius_m=1")["time_s"] is None, "nobody walks in a vehicle"
     assert told(f"{words} --step-cost tobler")["time_s"] > 0.0
     assert "at the vehicle's speeds" in run(f"{words} {BODY}").out
     run("reach moon.tif --start 5,5 --within-time 5min").refused("--step-cost tobler")
@@ -353,10 +355,12 @@ def test_without_a_path_a_body_is_told_by_which_limit_and_the_picture_has_its_co
         and " fail by tilt, such as from (" in reason
     )
     picture = cv2.imread("out/plan.png")
-    for limit, seen in (("tilt", True), ("unknown", True), ("pitch", False)):
+    for limit, seen in (("tilt", True), ("pitch", False)):
         colour, _ = REFUSED[REFUSALS.index(limit)]
         key = tinted(Tint(None, 0.75, colour, ""))  # of the legend
         assert (picture == key).all(2).any() == seen, limit
+    strip = picture[18:28, 100:700]  # the map's edge, on which no body stands
+    assert {tuple(each) for each in strip.reshape(-1, 3).tolist()} == {PAPER, UNKNOWN}
 
 
 def test_the_picture_has_the_body_and_with_a_comparison_a_points_path(run, hill):
