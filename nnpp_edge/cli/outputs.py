@@ -41,10 +41,10 @@ def chosen(
         return [], []
     for name in asked:
         optional_module(formats[name].module, f"--format {name}", formats[name].extra)
-    more = [file for name in asked for file in formats[name].files]
-    paths = [folder / name for name in dict.fromkeys((*always, *more))]
-    own = {folder / name for each in formats.values() for name in each.files}
-    older = [path for path in older_outputs(folder / always[-1]) if path in own.difference(paths)]
+    names = dict.fromkeys((*always, *(file for name in asked for file in formats[name].files)))
+    paths = [folder / name for name in names]
+    unasked = {name for each in formats.values() for name in each.files}.difference(names)
+    older = [path for path in older_outputs(folder / always[-1]) if path.name in unasked]
     outputs = [("--output", path) for path in (*paths, *older)]
     options.check_outputs(*outputs, more_inputs=inputs, make_folders=True)
     return paths, older

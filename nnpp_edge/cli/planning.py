@@ -8,7 +8,6 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from statistics import median
-from typing import Unpack
 
 import numpy as np
 
@@ -159,9 +158,13 @@ def plan_in_memory(
     compared = list[Row]()
     exact = None
     if request.compare:
-        by = partial(planner.plan, start, goal, **query)
-        if tour:
-            by = partial(_by_way_of, planner, tour, **query)
+
+        def by(method: Method) -> Plan:
+            if tour:
+                between = tour.stops[1:-1]
+                return planner.plan_via(start, goal, between, **query, method=method).plan
+            return planner.plan(start, goal, **query, method=method)
+
         with told_if_slow("comparing methods"):
             plan, compared, exact = _compare(by, plan)
     with told_if_slow("measuring the path"):
@@ -347,12 +350,6 @@ def _route(plan: Plan, cost: Float2D, dem: Dem, ground: Ground, planner: Planner
     return replace(route, standing=standing_along(plan, planner.state.grid.robot.poses))
 
 
-def _by_way_of(planner: Planner, tour: Tour, **options: Unpack[PlanOptions]) -> Plan:
-    """The plan by way of a tour's places, in its order."""
-    start, *via, goal = tour.stops
-    return planner.plan_via(start, goal, via, **options).plan
-
-
 def _names(request: PlanRequest, place: Place, tour: Tour | None) -> list[str]:
     """Of the stops, from start to goal."""
     via = [name for end in request.via for name in end.names(place)]
@@ -362,14 +359,14 @@ def _names(request: PlanRequest, place: Place, tour: Tour | None) -> list[str]:
     return [start or "start", *between, (goals[0] if len(goals) == 1 else "") or "goal"]
 
 
-def _compare(plan_by: Callable[..., Plan], plan: Plan) -> tuple[Plan, list[Row], Plan]:
+def _compare(plan_by: Callable[[Method], Plan], plan: Plan) -> tuple[Plan, list[Row], Plan]:
     """Plan by the plan's method, exact A* and the corridor planner in turns.
 
     Returns the plan with the times of a repeat, figures of each method with its median time, and
     the exact plan.
     """
     methods = list(dict.fromkeys((plan.method, Method.ASTAR, Method.CORRIDOR)))
-    rounds = [{method: plan_by(method=method) for method in methods} for _ in range(1 + _REPEATS)]
+    rounds = [{method: plan_by(method) for method in methods} for _ in range(1 + _REPEATS)]
     times = {
         method: median(plans[method].timings_ms["total"] for plans in rounds[1:])
         for method in methods

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.files import write_whole
-from nnpp_edge.runtime.arrays import Bool, Cells, Float2D, Floats
+from nnpp_edge.runtime.arrays import Bool, Cells, Float2D, Floats, headings_along
 from nnpp_edge.runtime.cells import Cell, Rectangle, holding, slices, widened
 from nnpp_edge.runtime.map.along import Line
 from nnpp_edge.runtime.planners.plan import Plan
@@ -48,6 +48,7 @@ from nnpp_edge.viz.sheet import CIRCLE, LEAST_PIXELS, SHADES, Item, MapDrawing, 
 Mask = NDArray[np.bool_]
 Shade = NDArray[np.uint8]
 """(H, W) lightness of the relief, or a number for each cell."""
+Numbers = NDArray[np.generic]
 T = TypeVar("T", bound=np.generic)
 
 MOST_SHOWN = 1 << 20
@@ -244,27 +245,27 @@ class Chart:
     ) -> None:
         """Put the whole map into the corner that is farthest from places."""
         share = _OVERVIEW * max(drawing.map.shape[:2]) / max(self.cost.shape)
-        small = self.ground(self.whole, max(int(1.0 / share), 1), tints)
-        size = tuple(max(round(cells * share), 1) for cells in self.cost.shape[::-1])
-        small = cv2.resize(small, size, interpolation=cv2.INTER_AREA)  # type: ignore[assignment]
-        row, col, rows, cols = (round(cells * share) for cells in part)
+        step = max(int(1.0 / share), 1)
+        whole = self.ground(self.whole, step, tints)
         shares = (places - part[:2]) / part[2:]
         corner = max(_CORNERS, key=lambda each: np.abs(shares - each).max(1).min())
-        drawing.overview(small, (row, col, max(rows, 6), max(cols, 6)), corner)
+        drawing.overview(whole, step * share, np.multiply(part, share), corner)
 
 
 def cost_picture(cost: Float2D, shade: Shade | None = None) -> Picture:
     """A cell a pixel: the relief, (H, W) uint8 from `hillshade`, or level ground, the browner the
     costlier; impassable cells, NaN or from 1 up, are dark.
     """
-    passable = cost < 1.0
+    passable = (cost < 1.0)[..., None]
     lightness = np.float32(105.0) + np.float32(0.6) * (_FLAT if shade is None else shade)
     lit = np.broadcast_to(lightness, cost.shape)[..., None]
-    strength = np.where(passable, _DEAR * cost.clip(0.0), _SHUT)[..., None].astype(np.float32)
-    colours = np.array((COST, IMPASSABLE), np.float32)
-    colour = np.where(passable[..., None], *colours)
-    picture = ((1.0 - strength) * lit + strength * colour).astype(np.uint8)
-    return picture & SHADES
+    strength = np.where(passable, _DEAR * cost.clip(0.0)[..., None], _SHUT).astype(np.float32)
+    return mixed(lit, strength, np.where(passable, *np.array((COST, IMPASSABLE), np.float32)))
+
+
+def mixed(ground: Numbers, strength: float | Numbers, colour: Colour | Numbers) -> Picture:
+    """A colour laid over the ground, which shows through."""
+    return ((1.0 - strength) * ground + strength * np.asarray(colour)).astype(np.uint8) & SHADES
 
 
 SHUT_GROUND: Colour = tuple(cost_picture(np.ones((1, 1), np.float32))[0, 0].tolist())
@@ -398,15 +399,11 @@ def body_outlines(
     # where along the path it is drawn, and how it is turned there: rows go down
     count = min(max(int(along[-1] / (4.0 * ahead.max())), 1), 100)
     places = np.searchsorted(along, np.linspace(0.0, along[-1], count + 1))
-    if headings_deg is None:
-        down, right = steps[np.minimum(places, len(steps) - 1)].T
-        headings = np.arctan2(right, -down)
-    else:
-        headings = np.radians(headings_deg[places])
+    headings = headings_along(path * np.array(sides_m)) if headings_deg is None else headings_deg
     outlines = []
-    for at, heading in zip(places, headings, strict=True):
-        down = -math.cos(heading)
-        right = math.sin(heading)
+    for at in places:
+        down = -math.cos(math.radians(headings[at]))
+        right = math.sin(math.radians(headings[at]))
         outlines.append(path[at] + shape @ [(down, right), (-right, down)] / sides_m)
     return outlines
 
@@ -491,8 +488,3 @@ def tinted(tint: Tint) -> Colour:
     """Its colour on level ground."""
     ground = cost_picture(np.zeros((1, 1), np.float32))[0, 0]
     return tuple(mixed(ground, tint.strength, tint.colour).tolist())
-
-
-def mixed(ground: Picture, strength: float, colour: Colour) -> Picture:
-    """A colour laid over the ground, which shows through."""
-    return ((1.0 - strength) * ground + strength * np.array(colour)).astype(np.uint8) & SHADES
