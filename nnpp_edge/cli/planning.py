@@ -160,10 +160,10 @@ def plan_in_memory(
     if request.compare:
 
         def by(method: Method) -> Plan:
+            asked: PlanOptions = {**query, "method": method}
             if tour:
-                between = tour.stops[1:-1]
-                return planner.plan_via(start, goal, between, **query, method=method).plan
-            return planner.plan(start, goal, **query, method=method)
+                return planner.plan_via(start, goal, tour.stops[1:-1], **asked).plan
+            return planner.plan(start, goal, **asked)
 
         with told_if_slow("comparing methods"):
             plan, compared, exact = _compare(by, plan)

@@ -46,7 +46,7 @@ def drive_picture(ground: SurveyedGround, drive: Drive) -> Picture:
     """
     lines = [
         Drawn(drive.driven, DRIVEN, 5.0, "driven"),
-        Drawn(drive.optimal, OPTIMUM, 1.8, "optimum, with all known"),
+        Drawn(drive.optimal, OPTIMUM, 1.2, "optimum, with all known"),
     ]
     costs = f"cost {drive.driven_cost:.4g}, optimum {drive.optimal_cost:.4g}"
     if drive.excess is not None:
