@@ -136,7 +136,7 @@ def bounds() -> None:
         axes.plot([plan.lower_bound, plan.cost], [row, row], color="0.6", linewidth=5.0)
         axes.plot(plan.lower_bound, row, "|", color=hexed(INK), markersize=22, markeredgewidth=4)
         axes.plot(plan.cost, row, "o", color=hexed(PATH), markersize=11)
-        said = plan.optimality.partition(" (")[0].replace(", ", ",\n").replace("to be at most", "≤")
+        said = plan.optimality.replace(", ", ",\n").replace("to be at most", "≤")
         axes.annotate(said, (plan.cost, row), (12, 0), textcoords="offset points", va="center")
     for text in axes.texts:
         text.set_size(TEXT - 3)

@@ -253,7 +253,9 @@ class Answer:
         """How far from the optimum the path's cost is, or may be."""
         if self.compared and (gap := self.compared[0]["gap"]) is not None:
             return f"{100.0 * gap:.2f} % above the optimum"
-        return self.plan.optimality
+        bounded = 1.0 + 1e-6 < self.plan.bound < math.inf
+        least = f" (no path costs less than {self.plan.lower_bound:.6g})" if bounded else ""
+        return f"{self.plan.optimality}{least}"
 
     @property
     def stops(self) -> Sequence[Cell]:

@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
 import cv2
 import numpy as np
@@ -48,7 +48,6 @@ from nnpp_edge.viz.sheet import CIRCLE, LEAST_PIXELS, SHADES, Item, MapDrawing, 
 Mask = NDArray[np.bool_]
 Shade = NDArray[np.uint8]
 """(H, W) lightness of the relief, or a number for each cell."""
-Numbers = NDArray[Any]
 T = TypeVar("T", bound=np.generic)
 
 MOST_SHOWN = 1 << 20
@@ -261,13 +260,14 @@ def cost_picture(cost: Float2D, shade: Shade | None = None) -> Picture:
     lit = np.broadcast_to(lightness, cost.shape)[..., None]
     strength = np.where(passable, _DEAR * cost.clip(0.0)[..., None], _SHUT).astype(np.float32)
     colours = np.array((COST, IMPASSABLE), np.float32)
-    return mixed(lit, strength, np.where(passable, colours[0], colours[1]))
-
-
-def mixed(ground: Numbers, strength: float | Numbers, colour: Colour | Numbers) -> Picture:
-    """A colour laid over the ground, which shows through."""
-    picture: Picture = ((1.0 - strength) * ground + strength * np.asarray(colour)).astype(np.uint8)
+    colour = np.where(passable, colours[0], colours[1])
+    picture = ((1.0 - strength) * lit + strength * colour).astype(np.uint8)
     return picture & SHADES
+
+
+def mixed(ground: Picture, strength: float, colour: Colour) -> Picture:
+    """A colour laid over the ground, which shows through."""
+    return ((1.0 - strength) * ground + strength * np.array(colour)).astype(np.uint8) & SHADES
 
 
 SHUT_GROUND: Colour = tuple(cost_picture(np.ones((1, 1), np.float32))[0, 0].tolist())

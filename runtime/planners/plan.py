@@ -306,11 +306,10 @@ class Plan:
         """How far the cost may be from the optimum: what is likely, and what is proven."""
         if self.bound <= 1.0 + 1e-6:
             return "the optimum"
-        least = f"no path costs less than {self.lower_bound:.6g}"
         if math.isinf(self.bound):
-            return least
+            return f"no path costs less than {self.lower_bound:.6g}"
         likely = _LIKELY[(self.vehicle is not None) + (self.states is not None)]
-        words = f"proven to be at most {self.bound:.5g} times the optimum ({least})"
+        words = f"proven to be at most {self.bound:.5g} times the optimum"
         if self.bound > 1.0 + 0.01 * likely:
             words = f"likely within {likely} % of the optimum, {words}"
         return words
