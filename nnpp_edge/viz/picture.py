@@ -261,7 +261,7 @@ def cost_picture(cost: Float2D, shade: Shade | None = None) -> Picture:
     strength = np.where(passable, _DEAR * cost.clip(0.0)[..., None], _SHUT).astype(np.float32)
     colours = np.array((COST, IMPASSABLE), np.float32)
     colour = np.where(passable, colours[0], colours[1])
-    picture = ((1.0 - strength) * lit + strength * colour).astype(np.uint8)
+    picture: Picture = ((1.0 - strength) * lit + strength * colour).astype(np.uint8)
     return picture & SHADES
 
 
