@@ -26,7 +26,7 @@ rover = replace(load_vehicle("large-rover"), clearance_m=0.4, max_step_m=0.3)
 point = Planner.of_elevation(dem.elevation, dem.cell_size_m, warn=False).plan(
     START, GOAL, method="astar"
 )
-figure, (panel,) = panels(1, width=8.8, height=5.6)
+figure, (panel,) = panels(1, 1, width=8.8, height=5.6)
 plans = {  # each by a planner that has checked no pose yet
     method: Planner.of_elevation(dem.elevation, dem.cell_size_m, vehicle=rover).plan(
         START, GOAL, method=method

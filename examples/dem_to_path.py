@@ -4,9 +4,10 @@ A planner is made of elevations, and its paths avoid slopes steeper than 20 degr
 step, and where the ground is impassable, follow from the elevations (NNPP, Eq. 1).
 
 Run time: 5 s.
-Data: three samples that travel with the package. Moon: LROC WAC GLD100, public
-domain. Mars: HiRISE terrain model of Victoria crater, NASA/JPL/University of Arizona, public.
-Earth: airborne lidar, MIT licence. Details: nnpp_edge/terrain/samples/README.md.
+Data: the four samples that travel with the package. Moon: LROC WAC GLD100, public domain, once with
+rocks made by nnpp_edge/terrain/rocks.py. Mars: HiRISE terrain model of Victoria crater,
+NASA/JPL/University of Arizona, public. Earth: airborne lidar, MIT licence. Details:
+nnpp_edge/terrain/samples/README.md.
 """
 
 from drawing import ends, line, panels, relief, save
@@ -20,9 +21,10 @@ QUERIES = {  # name of the map: start and goal, (row, col), and metres of the sc
     "moon_highlands": ((90, 60), (450, 470), 10_000),
     "mars_victoria": ((240, 20), (128, 170), 50),
     "earth_hummocks": ((20, 20), (240, 150), 50),
+    "moon_rocks": ((60, 6), (60, 113), 20),
 }
 
-figure, axes = panels(len(QUERIES))
+figure, axes = panels(2, 2)
 for panel, (name, (start, goal, bar_m)) in zip(axes, QUERIES.items(), strict=True):
     dem = sample_dem(name)
     planner = Planner.of_elevation(dem.elevation, dem.cell_size_m, workload("limit20"), warn=False)

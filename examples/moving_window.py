@@ -20,7 +20,7 @@ from nnpp_edge.terrain.vehicle_files import load_vehicle
 START = (60, 12)
 GOAL = (60, 107)
 SIGHT = 18
-DRAWN = (1, 14, 28)
+DRAWN = (1, 10, 19, 28)
 TRUTH = sample_dem("moon_rocks")
 FRAME = MapFrame(TRUTH.cell_size_m, x=90.0, y=90.0, rows_along_x=True, frame_id="odom")
 
@@ -50,12 +50,13 @@ class Rover:
             )
             line(axes, np.array(self.driven), "driven", "white")
             line(axes, answer.path, "path")
-            ends(axes, self.driven[-1], GOAL)
+            ends(axes, self.driven[-1], GOAL, "robot")
             axes.set_ylim(100, 20)
         self.driven += [(int(row), int(col)) for row, col in answer.path[1:4]]
 
 
-(figure, axes), body = panels(len(DRAWN), height=3.5), load_vehicle("large-rover")
+figure, axes = panels(2, 2, height=3.5)
+body = load_vehicle("large-rover")
 ground = Ground.of_elevation(np.full(TRUTH.shape, np.nan), TRUTH.cell_size_m, vehicle=body)
 rover = Rover(Navigator(ground, approach=True), axes)
 counters = Loop(rover.navigator, rover, paced=False, after_tick=rover.follow).run(DRAWN[-1])

@@ -49,7 +49,7 @@ def command(
         raise click.UsageError(f"--output must end in {', '.join(_ENDINGS)}, got {output.name!r}")
     picture = output.with_suffix(".png")
     options.check_outputs(("--output", output), ("--output", picture))
-    limits = terrain.limits()
+    terrain.limits()  # those that make no sense are refused before any work
 
     from nnpp_edge.cli.maps import reads_by_windows, size_in_words, size_of
     from nnpp_edge.runtime.errors import InvalidQueryError
@@ -60,7 +60,7 @@ def command(
             f"--output must end in .tif for a map that is read by windows, got {output.name!r}"
         )
     with terrain.open(dem) if by_windows else nullcontext(terrain.read(dem)) as ground:
-        share = _write(ground, limits, output, picture)
+        share = _write(ground, terrain.limits(ground), output, picture)
     files = [str(output), str(picture)]
     lines = {
         "map": f"{dem.name}: {size_in_words(ground)}",

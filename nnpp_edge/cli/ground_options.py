@@ -41,6 +41,8 @@ and those along it after the resampling that it names.
 """
 _ROUNDED_UP = 1.05
 """By how much a number may be larger than its first two digits."""
+_MUCH_WIDER = 1.1
+"""Times as wide as the vehicle's radius that a map's arcs may be before a warning says so."""
 _MOST_UNEQUAL_GRAVITY = 0.01
 """Share by which the map's gravity may differ from the file's before a warning says so."""
 
@@ -75,17 +77,20 @@ class TerrainOptions:
         """The elevation map in a file."""
         from nnpp_edge.terrain.dem import read_dem
 
-        dem = read_dem(path, self.cell_size)
-        return dem if self.rescale is None else dem.rescaled(self.rescale)
+        return read_dem(path, self.cell_size)
 
     def open(self, path: Path) -> "AbstractContextManager[DemWindows]":
         """The elevation map in a file, to be read by windows."""
         from nnpp_edge.terrain.dem import open_dem
 
-        return open_dem(path, self.cell_size, rescale_m=self.rescale)
+        return open_dem(path, self.cell_size)
 
-    def limits(self) -> "Traversability":
-        """The limits of the cost map; UsageError where the workload sets one that was given too."""
+    def limits(self, place: "Place | None" = None) -> "Traversability":
+        """The limits of a map's costs; UsageError where the workload sets one that was given too.
+
+        On ground that is judged as if it had other cells, lengths count as on these. The map
+        itself stays the file's, so its coordinates, lengths, times and energies do.
+        """
         from nnpp_edge.runtime.terrain.traversability import Traversability
         from nnpp_edge.terrain.workloads import SAFE, SOFT
         from nnpp_edge.terrain.workloads import workload as limits_of
@@ -98,7 +103,10 @@ class TerrainOptions:
             raise click.UsageError(
                 f"--workload {name} sets the slope limits: leave out --limit {twice[0]}"
             )
-        return limits_of(name, limits)
+        found = limits_of(name, limits)
+        if self.rescale is None or place is None:
+            return found
+        return found.scaled(place.cell_size_m / self.rescale)
 
     @property
     def _default_workload(self) -> str:
@@ -247,6 +255,16 @@ class GroundOptions(VehicleOptions, TerrainOptions):
         )
         return finer
 
+    def limits(self, place: "Place | None" = None) -> "Traversability":
+        """As `TerrainOptions.limits`; UsageError for a body that is to stand on other cells."""
+        body = self.body()
+        if self.rescale is not None and body is not None and not body.is_disc:
+            raise click.UsageError(
+                "--rescale changes how cells are priced, and a body is checked on the ground "
+                "itself: leave it out (evaluate and simulate shrink the ground)"
+            )
+        return super().limits(place)
+
     @property
     def _default_workload(self) -> str:
         """A body's own limits decide where it may go."""
@@ -263,7 +281,7 @@ class GroundOptions(VehicleOptions, TerrainOptions):
         return Ground.of_elevation(
             dem.elevation,
             dem.cell_size_m,
-            self.limits(),
+            self.limits(dem),
             cell_width_m=dem.cell_width_m,
             vehicle=self.body(),
             step_cost=self.step_cost,
@@ -278,7 +296,7 @@ class GroundOptions(VehicleOptions, TerrainOptions):
             dem.elevation,
             dem.cell_size_m,
             blocks.factor,
-            self.limits(),
+            self.limits(dem),
             prior=blocks.prior,
             cell_width_m=dem.cell_width_m,
             vehicle=self.body(),
@@ -286,12 +304,16 @@ class GroundOptions(VehicleOptions, TerrainOptions):
         )
 
     def warn_if_coarse(self, dem: "Dem") -> None:
-        """Warn of cells beside which the vehicle is so short that little is known of the ground
-        below it.
+        """Warn of cells on which the vehicle cannot turn as sharply as it may, and of those beside
+        which it is so short that little is known of the ground below it.
         """
         body = self.body()
+        if body is None or body.is_disc:
+            return
+        if body.turning_radius_m:
+            _warn_if_wide(body.turning_radius_m, dem)
         side = max(dem.cell_size_m, dem.cell_width_m)
-        if body is None or body.is_disc or body.length_m >= _CELLS_A_BODY * side:
+        if body.length_m >= _CELLS_A_BODY * side:
             return
         from nnpp_edge.cli.maps import highest_kerb
         from nnpp_edge.terrain.dem import MOST_RESAMPLED
@@ -310,5 +332,19 @@ class GroundOptions(VehicleOptions, TerrainOptions):
         warnings.warn(
             f"cells of {side:.4g} m are coarse for a body of {size} with a step limit of "
             f"{body.step_m:g} m: a rock narrower than a cell is not seen{passes}; {advice}",
+            stacklevel=2,
+        )
+
+
+def _warn_if_wide(radius_m: float, dem: "Dem") -> None:
+    """Warn where the arcs that join a map's cells are wider than this radius."""
+    from nnpp_edge.runtime.robots.body.primitives import sharpest_m
+
+    sharpest = sharpest_m(radius_m, (dem.cell_size_m, dem.cell_width_m))
+    if sharpest > _MUCH_WIDER * radius_m:
+        finer = _ROUNDED_UP * dem.cell_size_m * radius_m / sharpest
+        warnings.warn(
+            f"arcs that join cells of {dem.cell_size_m:.4g} m have a radius of at least "
+            f"{sharpest:.3g} m, not {radius_m:g} m: --resample {finer:.2g} comes close",
             stacklevel=2,
         )

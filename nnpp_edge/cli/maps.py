@@ -232,22 +232,19 @@ def _blocked(status: Status, cell: Cell, near: Near) -> str:
     at = (cell[0] - near.origin[0], cell[1] - near.origin[1])
     if vehicle is not None and vehicle.is_disc and near.cost[at] < 1.0:
         return f"{end}: an obstacle or the map's edge lies within the vehicle's radius"
-    if near.poses is not None:
-        rows = range(
-            max(cell[0] - _LOOKED_AROUND, 0),
-            min(cell[0] + _LOOKED_AROUND + 1, near.place.shape[0]),
-        )
-        stands = np.any(near.poses.standing(rows) < FAILS, axis=0)
-        where = f"it can stand on no cell within {_LOOKED_AROUND} rows"
-        if stands.any():
-            row, col = nearest(stands, (cell[0] - rows.start, cell[1]))
-            where = f"the nearest cell where it can stand is {(row + rows.start, col)}"
-        return f"{end}: {why_blocked(near.poses, cell)}; {where}"
-    sides = (near.place.cell_size_m, near.place.cell_width_m)
-    reason = why_impassable(near.elevation, at, sides, near.limits)
-    passable = near.cost < 1.0
+    top, left = near.origin
+    if near.poses is None:
+        sides = (near.place.cell_size_m, near.place.cell_width_m)
+        reason = why_impassable(near.elevation, at, sides, near.limits)
+        passable = near.cost < 1.0
+        where = "passable cell"
+    else:
+        reason = why_blocked(near.poses, cell)
+        top = max(cell[0] - _LOOKED_AROUND, 0)
+        rows = range(top, min(cell[0] + _LOOKED_AROUND + 1, near.place.shape[0]))
+        passable = np.any(near.poses.standing(rows) < FAILS, axis=0)
+        where = "cell where it can stand"
     if not passable.any():
         return f"{end}: {reason}; so is all around it"
-    row, col = nearest(passable, at)
-    passes = (row + near.origin[0], col + near.origin[1])
-    return f"{end}: {reason}; the nearest passable cell is {passes}"
+    row, col = nearest(passable, (cell[0] - top, cell[1] - left))
+    return f"{end}: {reason}; the nearest {where} is {(row + top, col + left)}"

@@ -299,7 +299,8 @@ Memory = Annotated[
 CellSize = Annotated[float | None, "Side of a cell in metres, where the file does not say."]
 Rescale = Annotated[
     float | None,
-    "Make cells this many metres wide and scale heights alike, so that slopes stay.",
+    "Judge cells as if they were this many metres wide with heights scaled alike: slopes stay, "
+    "roughness and steps change.",
 ]
 Resample = Annotated[
     float | None,

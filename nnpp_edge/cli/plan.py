@@ -7,17 +7,17 @@ import click
 
 from nnpp_edge.cli import options
 from nnpp_edge.cli.ground_options import GroundOptions
-from nnpp_edge.cli.requests import PlanRequest
+from nnpp_edge.cli.outputs import chosen
+from nnpp_edge.cli.requests import FIGURES, PLAN_FORMATS, PlanRequest
 from nnpp_edge.cli.text import tell
 from nnpp_edge.runtime.compiled.notice import told_if_slow
 from nnpp_edge.runtime.options import PlanOptions, StepOptions
 
-_OUTPUT = "Folder for path.geojson, path.csv, plan.png and plan.json."
-_FORMATS = (
-    "Also write path.gpx; path.gpkg with stations and legs, and path.qml for QGIS; or a figure for "
-    "a paper as figure.pdf, figure.svg or figure.png."
+_OUTPUT = (
+    "Folder for path.geojson, path.csv, plan.png and plan.json; other files that an earlier plan "
+    "wrote there are removed."
 )
-_FIGURES = ("pdf", "svg", "png")
+_FILES = ("path.geojson", "path.csv", "plan.png", "plan.json")
 _BYTES_PER_CELL = 24
 """At the peak of planning on a whole map: 19 to 23 measured, the most by `nnpp`
 (docs/decisions/maps.md).
@@ -34,13 +34,6 @@ def command(
     robot: GroundOptions,
     model: options.Model = "edge",
     output: Annotated[Path | None, "-o", options.PATH, _OUTPUT] = None,
-    formats: Annotated[
-        tuple[str, ...],
-        "--format",
-        click.Choice(["gpkg", "gpx", *_FIGURES]),
-        options.MANY,
-        _FORMATS,
-    ] = (),
     memory: options.Memory = None,
     as_json: options.AsJson = False,
 ) -> None:
@@ -68,20 +61,9 @@ def command(
     \b
     nnpp-edge plan dem.tif --start 20,30 --goal 380,360 --workload limit20 -o plan
     """
-    if formats and output is None:
-        raise click.UsageError("--format needs -o")
-    names = (
-        "path.geojson",
-        "path.csv",
-        "plan.png",
-        "plan.json",
-        *(f"{'figure' if name in _FIGURES else 'path'}.{name}" for name in formats),
-        *(["path.qml"] if "gpkg" in formats else []),
-    )
-    outputs = [("--output", output / name) for name in names] if output else []
     robot.check_turns(query.get("refine"))
     robot.limits()  # those that make no sense are refused before any work
-    options.check_outputs(*outputs, more_inputs=request.files, make_folders=True)
+    paths, older = chosen(output, _FILES, PLAN_FORMATS, request.formats, request.files)
 
     with told_if_slow("loading the package"):
         from nnpp_edge.cli.maps import reads_by_windows
@@ -93,7 +75,7 @@ def command(
     per_cell = (
         _BYTES_PER_CELL + (bytes_per_cell(body) if body else 0) + DIRECTED_BYTES_PER_CELL * directed
     )
-    whole = directed or body is not None or any(name in _FIGURES for name in formats)
+    whole = directed or body is not None or any(name in FIGURES for name in request.formats)
     if request.crop is None and reads_by_windows(dem, memory, per_cell, whole=whole):
         answer = plan_by_windows(request, query, steps, dem, robot)
     else:
@@ -102,7 +84,7 @@ def command(
         )
     answer.warn_if_close()
     with told_if_slow("drawing and writing"):
-        files = answer.save([path for _, path in outputs])
+        files = answer.save(paths, older)
     tell(as_json, answer.figures(files), lambda: answer.text(files))
     if not answer.plan.ok:
         click.get_current_context().exit(1)

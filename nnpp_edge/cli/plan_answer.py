@@ -13,7 +13,6 @@ from nnpp_edge.cli.text import Row, aligned, columns, duration, table, work
 from nnpp_edge.files import write_all
 from nnpp_edge.runtime import Plan, Vehicle
 from nnpp_edge.runtime.cells import Cell
-from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.planners.tour import Tour
 from nnpp_edge.runtime.robots.slope.cost import unit_of
 from nnpp_edge.terrain.route import Facts, Leg, Route
@@ -26,9 +25,6 @@ _PROPERTIES = ("status", "method", "source", "cost")
 _CLOSE = 0.1
 """Share of a body's limit below which what is left of it is warned of."""
 _ANGLES = (("pitched", "pitch"), ("rolled", "roll"), ("tilted", "tilt"))
-_LIKELY = (2, 4, 8)
-"""Percent above the optimum that 95 of 100 measured paths keep within: of a point, of a body
-(docs/results.md) and of arcs (docs/decisions/arcs.md)."""
 _WINDOWS = (
     "{gigabytes:.2f} GB by windows, {again:.1f} % of the cells again, coarse levels in "
     "{map_s:.1f} s, peak memory {peak_memory_gb:.2f} GB"
@@ -255,18 +251,11 @@ class Answer:
 
     def _optimality(self) -> str:
         """How far from the optimum the path's cost is, or may be."""
-        if self.plan.bound <= 1.0 + 1e-6:
-            return "the optimum"
         if self.compared and (gap := self.compared[0]["gap"]) is not None:
             return f"{100.0 * gap:.2f} % above the optimum"
-        least = f"{self.plan.lower_bound:.6g}"
-        if math.isinf(self.plan.bound):
-            return f"no path costs less than {least}"
-        likely = _LIKELY[(self.vehicle is not None) + (self.plan.states is not None)]
-        words = f"proven to be at most {self.plan.bound:.5g} times the optimum"
-        if self.plan.bound > 1.0 + 0.01 * likely:
-            words = f"likely within {likely} % of the optimum, {words}"
-        return f"{words} (no path costs less than {least})"
+        bounded = 1.0 + 1e-6 < self.plan.bound < math.inf
+        least = f" (no path costs less than {self.plan.lower_bound:.6g})" if bounded else ""
+        return f"{self.plan.optimality}{least}"
 
     @property
     def stops(self) -> Sequence[Cell]:
@@ -278,12 +267,10 @@ class Answer:
         """The stops with their names."""
         return list(zip(self.names, self.stops, strict=True))
 
-    def save(self, paths: list[Path]) -> list[str]:
-        """Write all files, or none; their names."""
+    def save(self, paths: list[Path], older: list[Path]) -> list[str]:
+        """Write all files in place of the older ones, or none; their names."""
         files = [str(path) for path in paths]
-        # GPX is refused off the Earth: that is found out before anything is drawn
-        first = sorted(paths, key=lambda path: path.suffix != ".gpx")
-        write_all({path: self._content(path, files) for path in first})
+        write_all({path: self._content(path, files) for path in paths}, older)
         return files
 
     def _geopackage(self) -> bytes:
@@ -315,10 +302,7 @@ class Answer:
         }
         if path.stem == "figure":
             return self.figure(self.named, path.suffix)
-        try:
-            return makers[path.name]()
-        except InvalidQueryError as error:
-            raise InvalidQueryError(f"--format {path.suffix[1:]}: {error}") from None
+        return makers[path.name]()
 
 
 def _sharpest(what: str, curvatures_per_m: Iterable[float]) -> str:

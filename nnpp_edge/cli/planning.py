@@ -8,7 +8,6 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from statistics import median
-from typing import Unpack
 
 import numpy as np
 
@@ -40,9 +39,10 @@ from nnpp_edge.runtime.planners.query import problem_with
 from nnpp_edge.runtime.planners.tour import Tour
 from nnpp_edge.runtime.planners.windowed import WindowedPlanner
 from nnpp_edge.runtime.tuning import LARGE_MAP
+from nnpp_edge.terrain.coordinates import lonlat_of
 from nnpp_edge.terrain.dem import Dem, DemWindows, part_of
 from nnpp_edge.terrain.georeference import Place
-from nnpp_edge.terrain.route import Route, standing_along
+from nnpp_edge.terrain.route import Route, places_of, standing_along
 from nnpp_edge.viz.picture import Chart, Reached, body_outlines, plan_picture, refused_on
 from nnpp_edge.viz.sheet import Picture
 
@@ -58,7 +58,8 @@ _MOST_PIXELS = 2000
 def _ends(request: PlanRequest, place: Place) -> "Ends":
     """Cells of the map that a path is to lead from, through and to.
 
-    InvalidQueryError for several starts, goals with way points, and what lies outside the map.
+    InvalidQueryError for several starts, goals with way points, what lies outside the map, and GPX
+    of a map off the Earth.
     """
     start = request.start.one_cell(place, "--start")
     goals = [cell for end in request.goals for cell in end.cells(place)]
@@ -66,6 +67,11 @@ def _ends(request: PlanRequest, place: Place) -> "Ends":
     if via and len(goals) != 1:
         raise InvalidQueryError(f"--goal, with --via, must be one place, got {len(goals)}")
     refuse_outside(start, goals, place)
+    if "gpx" in request.formats:
+        try:
+            lonlat_of(place, places_of(place, np.array([start])))
+        except InvalidQueryError as error:
+            raise InvalidQueryError(f"--format gpx: {error}") from None
     return start, via, goals
 
 
@@ -152,9 +158,13 @@ def plan_in_memory(
     compared = list[Row]()
     exact = None
     if request.compare:
-        by = partial(planner.plan, start, goal, **query)
-        if tour:
-            by = partial(_by_way_of, planner, tour, **query)
+
+        def by(method: Method) -> Plan:
+            asked: PlanOptions = {**query, "method": method}
+            if tour:
+                return planner.plan_via(start, goal, tour.stops[1:-1], **asked).plan
+            return planner.plan(start, goal, **asked)
+
         with told_if_slow("comparing methods"):
             plan, compared, exact = _compare(by, plan)
     with told_if_slow("measuring the path"):
@@ -248,8 +258,8 @@ def plan_by_windows(
         )
     within = {"epsilon": query.get("epsilon", math.inf)}
     within["time_limit_s"] = query.get("time_limit_s", math.inf)
-    limits = robot.limits()
     with robot.open(path) as ground, bar("rows of the map", ground.shape[0]) as advance:
+        limits = robot.limits(ground)
         warn_if_not_square(ground)
         start, via, goals = _ends(request, ground)
         planner = WindowedPlanner(
@@ -340,12 +350,6 @@ def _route(plan: Plan, cost: Float2D, dem: Dem, ground: Ground, planner: Planner
     return replace(route, standing=standing_along(plan, planner.state.grid.robot.moves.poses))
 
 
-def _by_way_of(planner: Planner, tour: Tour, **options: Unpack[PlanOptions]) -> Plan:
-    """The plan by way of a tour's places, in its order."""
-    start, *via, goal = tour.stops
-    return planner.plan_via(start, goal, via, **options).plan
-
-
 def _names(request: PlanRequest, place: Place, tour: Tour | None) -> list[str]:
     """Of the stops, from start to goal."""
     via = [name for end in request.via for name in end.names(place)]
@@ -355,14 +359,14 @@ def _names(request: PlanRequest, place: Place, tour: Tour | None) -> list[str]:
     return [start or "start", *between, (goals[0] if len(goals) == 1 else "") or "goal"]
 
 
-def _compare(plan_by: Callable[..., Plan], plan: Plan) -> tuple[Plan, list[Row], Plan]:
+def _compare(plan_by: Callable[[Method], Plan], plan: Plan) -> tuple[Plan, list[Row], Plan]:
     """Plan by the plan's method, exact A* and the corridor planner in turns.
 
     Returns the plan with the times of a repeat, figures of each method with its median time, and
     the exact plan.
     """
     methods = list(dict.fromkeys((plan.method, Method.ASTAR, Method.CORRIDOR)))
-    rounds = [{method: plan_by(method=method) for method in methods} for _ in range(1 + _REPEATS)]
+    rounds = [{method: plan_by(method) for method in methods} for _ in range(1 + _REPEATS)]
     times = {
         method: median(plans[method].timings_ms["total"] for plans in rounds[1:])
         for method in methods

@@ -10,10 +10,13 @@ import click
 
 from nnpp_edge.cli import options
 from nnpp_edge.cli.ground_options import GroundOptions
+from nnpp_edge.cli.outputs import Format, chosen
 from nnpp_edge.cli.requests import Start
 from nnpp_edge.cli.text import aligned, duration, tell, work
 from nnpp_edge.runtime.options import StepOptions
 
+_FILES = ("reach.tif", "reach.geojson", "reach.png", "reach.json")
+_FORMATS = {"gpkg": Format(("reach.gpkg",), "pyogrio", "vector")}
 _SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0}
 _JOULES = {"J": 1.0, "kJ": 1e3, "MJ": 1e6, "Wh": 3600.0, "kWh": 3.6e6}
 _COST = "The most that a path may cost, in the unit of --step-cost."
@@ -66,6 +69,13 @@ def command(
         options.PATH,
         "Folder for reach.tif, reach.geojson, reach.png, reach.json.",
     ] = None,
+    formats: Annotated[
+        tuple[str, ...],
+        "--format",
+        click.Choice(list(_FORMATS)),
+        options.MANY,
+        "Also write reach.gpkg, the areas as a GeoPackage.",
+    ] = (),
     as_json: options.AsJson = False,
 ) -> None:
     """Show what can be reached on the elevation map DEM from a place, within a cost, a time or an
@@ -78,6 +88,7 @@ def command(
     \b
     nnpp-edge reach dem.tif --start 20,30 --within-time 30min --workload limit20 -o reach
     """
+    from nnpp_edge.runtime.errors import optional_module
     from nnpp_edge.runtime.robots.slope.cost import unit_of
 
     given = {"cost": within_cost, "time": within_time, "energy": within_energy}
@@ -92,12 +103,10 @@ def command(
             "--within-cost with it; "
             "one in seconds goes with --within-time"
         )
-    names = ("reach.tif", "reach.geojson", "reach.png", "reach.json")
-    paths = [output / name for name in names] if output else []
+    if output is not None:
+        optional_module("rasterio", "--output", "geo")
     read = [] if start.file is None else [start.file]
-    options.check_outputs(
-        *(("--output", path) for path in paths), more_inputs=read, make_folders=True
-    )
+    paths, older = chosen(output, _FILES, _FORMATS, formats, read)
 
     from dataclasses import replace
 
@@ -110,6 +119,7 @@ def command(
     from nnpp_edge.runtime.planners.query import problem_with
     from nnpp_edge.terrain.rasters import raster_bytes
     from nnpp_edge.terrain.route import Reach
+    from nnpp_edge.terrain.vectors import geopackage_bytes
     from nnpp_edge.viz.picture import png_bytes, reach_picture
 
     with told_if_slow(f"reading {dem}"):
@@ -125,8 +135,8 @@ def command(
         step_cost = "time" if mobility.time else "tobler"
         if mobility.time is None and mobility.tobler is None:
             raise click.UsageError(
-                "nobody walks there at the speeds of Tobler's function: for --within-time give "
-                "--vehicle or --mobility, or --step-cost tobler to count a walker's all the same"
+                "nobody walks there: for --within-time give speeds, by --vehicle or --mobility, or "
+                "--step-cost tobler to count a walker's all the same"
             )
     ground = replace(ground, step_cost=step_cost)
     planner = Planner(priced(ground, cost), **steps)
@@ -153,13 +163,16 @@ def command(
             [(level, words(level)) for level in found.levels],
             cell,
         )
-        contents = (
+        areas = found.geojson()
+        contents = [
             raster_bytes(paths[0], found.raster(), terrain),
-            found.geojson(),
+            areas,
             png_bytes(picture),
             json.dumps(figures, indent=1).encode(),
-        )
-        write_all(dict(zip(paths, contents, strict=True)))
+        ]
+        if formats:
+            contents.append(geopackage_bytes({"areas": areas}))
+        write_all(dict(zip(paths, contents, strict=True)), older)
     lines: dict[str, object] = {"map": size_in_words(terrain), "start": cell}
     if measure == "time":
         walker = mobility.model(step_cost)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 import click
 
 from nnpp_edge.cli.options import MANY, Parsed
+from nnpp_edge.cli.outputs import Format
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.cells import Cell
@@ -91,6 +92,18 @@ PLACE = Parsed(
 Start = Annotated[End, PLACE, "ROW,COL from 0, xy:X,Y, lonlat:LON,LAT, or a vector file's point."]
 
 
+FIGURES = ("pdf", "svg", "png")
+PLAN_FORMATS = {
+    "gpkg": Format(("path.gpkg", "path.qml"), "pyogrio", "vector"),
+    "gpx": Format(("path.gpx",), "pyproj", "geo"),
+    **{kind: Format((f"figure.{kind}",), "matplotlib", "viz") for kind in FIGURES},
+}
+_FORMATS = (
+    "Also write path.gpx; path.gpkg with stations and legs, and path.qml for QGIS; or a figure for "
+    "a paper as figure.pdf, figure.svg or figure.png."
+)
+
+
 @dataclass(frozen=True, kw_only=True)
 class PlanRequest:
     """Between which places `plan` plans, and what it shows beside the path."""
@@ -110,6 +123,9 @@ class PlanRequest:
         float | None,
         "Read and search only the map this many metres around start, goal and via.",
     ] = None
+    formats: Annotated[
+        tuple[str, ...], "--format", click.Choice(list(PLAN_FORMATS)), MANY, _FORMATS
+    ] = ()
 
     def __post_init__(self) -> None:
         """Refuse what does not go together."""

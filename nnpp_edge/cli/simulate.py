@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import click
 
 from nnpp_edge.cli import options
-from nnpp_edge.cli.ground_options import GroundOptions, Known
+from nnpp_edge.cli.ground_options import GroundOptions, Known, TerrainOptions
 from nnpp_edge.cli.requests import PLACE, End, Start
 from nnpp_edge.cli.text import aligned, tell
 from nnpp_edge.robot.transports.wiring import View
@@ -91,6 +91,8 @@ def command(
     from nnpp_edge.terrain.rocks import with_rocks
     from nnpp_edge.viz.picture import save_picture
 
+    rescale = robot.rescale
+    robot = replace(robot, rescale=None)  # the ground is shrunk itself
     robot.limits()  # those that make no sense are refused before any work
     body = robot.body()
     settings = SimulationSettings(
@@ -119,9 +121,10 @@ def command(
             _SAMPLE_RESCALE if body is None or body.is_disc else body.length_m / _CELLS_TO_A_BODY
         )
         dem = sample_path(_SAMPLE)
-        robot = replace(robot, rescale=robot.rescale or cell_m)
+        rescale = rescale or cell_m
     with told_if_slow(f"reading {dem}"):
-        whole = robot.read(dem)
+        read = TerrainOptions.read(robot, dem)
+        whole = robot.made_finer(read if rescale is None else read.rescaled(rescale), "file")
     rng = np.random.default_rng([seed, 3])
     factor = known.factor if known else 1
     rows, cols = (min(size, side) // factor * factor for side in whole.shape)
@@ -152,12 +155,12 @@ def command(
         width = whole.cell_width_m
         true = with_rocks(heights, whole.cell_size_m, rocks, rng, cell_width_m=width)
     with told_if_slow("preparing the ground"):
-        actual = robot.of(replace(whole, elevation=true))
+        actual = robot.of(replace(whole, elevation=true, georeference=read.georeference))
         if known is None:
             ground = SurveyedGround.of(actual, _SURVEY if body is None else 1, heights)
         else:
             ground = SurveyedGround.of_known(actual, *known)
-    ground = replace(ground, origin=(row, col), north_deg=whole.north_deg)
+    ground = replace(ground, origin=(row, col), north_deg=read.north_deg)
     if start and goal:
         begin, end = map(tuple, (ends - (row, col)).tolist())
     else:

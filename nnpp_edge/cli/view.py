@@ -49,7 +49,7 @@ def command(
         raise click.UsageError(
             "--known plans for points: leave out --vehicle, --set, --step-cost and --resample"
         )
-    limits = robot.limits()
+    robot.limits()  # those that make no sense are refused before any work
 
     from msgspec.structs import replace
 
@@ -67,7 +67,7 @@ def command(
         read = robot.read(path)
         robot.warn_if_coarse(read)
         given = _given_body(robot, read)
-        names = ("cell_size", "rescale", "resample")
+        names = ("cell_size", "resample")
         reading = [(each, getattr(robot, each)) for each in names]
         said = {each: value for each, value in reading if value is not None}
         site = Site.of(read, name or Path(path.name), said, given, known, model)
@@ -76,7 +76,7 @@ def command(
             goal=end.one_cell(read, "--goal") if end else (0, 0),
             step_cost=robot.step_cost,
             **steps,
-            limits=limits,
+            limits=robot.limits(read),
             body=robot.vehicle or POINT if given is None else GIVEN if given.vehicle else POINT,
         )
         answerer = Answerer(site, asked)

@@ -22,7 +22,7 @@ from nnpp_edge.viz.sheet import Picture
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-_GROUND_COLOURS = 24
+_GROUND_COLOURS = 48
 _MOST_FRAMES = 80
 _FRAME_PIXELS = 480
 _FRAME_MS = 100
@@ -45,8 +45,8 @@ def drive_picture(ground: SurveyedGround, drive: Drive) -> Picture:
     there.
     """
     lines = [
-        Drawn(drive.optimal, OPTIMUM, 9.0, "optimum, with all known"),
-        Drawn(drive.driven, DRIVEN, 3.5, "driven"),
+        Drawn(drive.driven, DRIVEN, 5.0, "driven"),
+        Drawn(drive.optimal, OPTIMUM, 1.2, "optimum, with all known"),
     ]
     costs = f"cost {drive.driven_cost:.4g}, optimum {drive.optimal_cost:.4g}"
     if drive.excess is not None:

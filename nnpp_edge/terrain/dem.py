@@ -68,7 +68,7 @@ class Dem(Place):
     def rescaled(self, cell_size_m: float) -> "Dem":
         """This terrain grown or shrunk to cells of `cell_size_m`: heights follow, so slopes stay.
 
-        The georeference stays as it is: it still says where each cell lay on the map.
+        It lies nowhere: its coordinates are metres from its first cell.
         """
         factor = cell_size_m / self.cell_size_m
         width = self.cell_width_m * factor
@@ -77,6 +77,7 @@ class Dem(Place):
             elevation=metres(self.elevation, factor),
             cell_size_m=float(cell_size_m),
             cell_width_m=width,
+            georeference=None,
         )
 
     def resampled(self, cell_size_m: float) -> "Dem":
@@ -230,8 +231,6 @@ class DemWindows(Place):
     georeference: Georeference | None
     source: Path
     raster: Raster
-    scale: float
-    """Of heights, where the map is grown or shrunk."""
 
     def __post_init__(self) -> None:
         self.check_place()
@@ -250,8 +249,7 @@ class DemWindows(Place):
         broken file.
         """
         with refused_as(TerrainError, f"{self.source}: cells {part} could not be read"):
-            heights = known_heights(self.raster.heights(part))
-        return metres(heights, self.scale)
+            return known_heights(self.raster.heights(part))
 
 
 def size_of(path: Path) -> Shape | None:
@@ -265,14 +263,8 @@ def size_of(path: Path) -> Shape | None:
 
 
 @contextmanager
-def open_dem(
-    path: Path | str,
-    cell_size_m: float | None = None,
-    *,
-    rescale_m: float | None = None,
-) -> Iterator[DemWindows]:
-    """An elevation map in a raster, to be read by windows; arguments and errors as of `read_dem`
-    and `Dem.rescaled`.
+def open_dem(path: Path | str, cell_size_m: float | None = None) -> Iterator[DemWindows]:
+    """An elevation map in a raster, to be read by windows; arguments and errors as of `read_dem`.
 
     TerrainError, too, for one stored in blocks too large to be read one at a time.
     """
@@ -293,9 +285,8 @@ def open_dem(
                     f"{stored}: make it tiled with gdal_translate -of COG"
                 )
             georeference = raster.place()
-        size, width = cell_sides(path, raster.shape, None, georeference, cell_size_m)
-        factor = 1.0 if rescale_m is None else rescale_m / size
-        yield DemWindows(size * factor, width * factor, georeference, path, raster, factor)
+        sides = cell_sides(path, raster.shape, None, georeference, cell_size_m)
+        yield DemWindows(*sides, georeference, path, raster)
 
 
 def part_of(whole: Dem | DemWindows, part: Rectangle) -> Dem:

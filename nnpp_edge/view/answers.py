@@ -44,7 +44,8 @@ _STEEPEST_DEG = 40.0
 _BLOCKED = 0.25
 """Share of a pixel's cells from which on it is impassable."""
 _MEASURES = ("length_m", "width_m", "radius_m")
-_TIMES_S = (1, 5, 15, 60, 300, 900, 1800, 3600, 7200, 14400, 28800, 86400)
+_DAY_S = 86400
+_TIMES_S = (1, 5, 15, 60, 300, 900, 1800, 3600, 7200, 14400, 28800, _DAY_S, 5 * _DAY_S, 20 * _DAY_S)
 """Of which bands of what can be reached are as wide as one."""
 _MOST_LANDSCAPES = 2
 """That are kept; each holds a planner's memory."""

@@ -58,7 +58,7 @@ class Site:
     dem: Dem
     path: Path
     reading: Mapping[str, float]
-    """Options of `nnpp-edge plan`, ``cell_size``, ``rescale`` and ``resample``, that were given."""
+    """Options of `nnpp-edge plan`, ``cell_size`` and ``resample``, that were given."""
     bodies: Mapping[str, Body]
     blocks: Blocks = None
     model: str = "edge"
@@ -161,11 +161,11 @@ class Asked(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
         if vehicle is not None:
             vehicle = replace(vehicle, **self.changes(site))  # type: ignore[arg-type]
         dem = site.dem
-        unset = body.has_poses and self.limits == Traversability.safe()
+        unset = self.limits.of_terms("hard") == Traversability.safe().of_terms("hard")
         return Ground.of_elevation(
             dem.elevation,
             dem.cell_size_m,
-            None if unset else self.limits,
+            self.limits.soft() if body.has_poses and unset else self.limits,
             cell_width_m=dem.cell_width_m,
             vehicle=vehicle,
             step_cost=self.step_cost,

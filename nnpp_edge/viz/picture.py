@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.files import write_whole
-from nnpp_edge.runtime.arrays import Bool, Cells, Float2D, Floats
+from nnpp_edge.runtime.arrays import Bool, Cells, Float2D, Floats, headings_along
 from nnpp_edge.runtime.cells import Cell, Rectangle, holding, slices, widened
 from nnpp_edge.runtime.map.along import Line
 from nnpp_edge.runtime.planners.plan import Plan
@@ -43,7 +43,7 @@ from nnpp_edge.viz.palette import (
     UNKNOWN,
     Colour,
 )
-from nnpp_edge.viz.sheet import CIRCLE, LEAST_PIXELS, Item, MapDrawing, Picture, metres
+from nnpp_edge.viz.sheet import CIRCLE, LEAST_PIXELS, SHADES, Item, MapDrawing, Picture, metres
 
 Mask = NDArray[np.bool_]
 Shade = NDArray[np.uint8]
@@ -55,14 +55,13 @@ MOST_SHOWN = 1 << 20
 _NO_STAND = 0.75
 _BAND = 0.5
 _TINT = 0.3
+_EDGE = 0.85
 """How strongly cells are coloured where a vehicle stands in no heading, bands of what can be
-reached, and regions.
+reached, regions, and the edge of the network's.
 """
 _DEAR = 0.65
 _SHUT = 0.85
 """Likewise where a cell costs most, and where it is impassable."""
-_SHADES = np.uint8(0xFC)
-"""Of a ground's colours, the bits that are kept: files are half as large."""
 _FLAT = 185
 """Of the relief's lightness, level ground."""
 _LIGHT = (315.0, 45.0)
@@ -88,11 +87,11 @@ class Tint(NamedTuple):
     strength: float
     colour: Colour
     words: str
-    """Of the legend."""
+    """Of the legend; empty for none."""
 
 
 class Drawn(NamedTuple):
-    """A line that is drawn, with a dark rim."""
+    """A line that is drawn, with a dark rim unless it is dark itself."""
 
     places: Line
     colour: Colour
@@ -104,7 +103,8 @@ class Drawn(NamedTuple):
     @property
     def layers(self) -> tuple[tuple[Colour, float], ...]:
         """Colours and widths, the lowest first."""
-        return (INK, self.width + 2.0), (self.colour, self.width)
+        line = (self.colour, self.width)
+        return (line,) if self.colour == INK else ((INK, self.width + 2.0), line)
 
 
 class Reached(NamedTuple):
@@ -174,6 +174,7 @@ class Chart:
         via: Sequence[Cell] = (),
         lines: Sequence[Drawn] = (),
         tints: Sequence[Tint] = (),
+        unseen: Mask | None = None,
         outlines: Sequence[Line] = (),
         ended: Cell | None = None,
         part: Rectangle | None = None,
@@ -183,22 +184,24 @@ class Chart:
     ) -> Picture:
         """Draw a `part` of the map, by default all, with a legend; in a corner all of it, small.
 
-        Lines lie one over the other, the first lowest; `outlines` of a body are left out where
-        they would be dots; `ended` is where a search without a path did; the start's key is
+        Lines lie one over the other, the first lowest; where a body cannot stand for what is
+        `unseen` the ground is striped as where it is unknown; `outlines` of a body are left out
+        where they would be dots; `ended` is where a search without a path did; the start's key is
         `begin`.
         """
         row, col, rows, cols = part = part or self.whole
         step = max(max(rows, cols) // _MOST_CELLS, 1)
         drawing = MapDrawing(self.ground(part, step, tints), (row, col), step, least=least)
         unknown = np.isnan(self.cost if self.elevation is None else self.elevation)
+        stripes_say = "unknown"
+        if unseen is not None and unseen.any():
+            unknown |= unseen
+            stripes_say = REFUSED[0][1]
         drawing.hatched(unknown[slices(part)][::step, ::step])
-        keys: list[Item] = []
-        for line in lines:
-            if len(line.places):
-                pieces = [(_PIECE, *layer) for layer in line.layers]
-                keys.insert(0, drawing.drawn(28.0, pieces, line.words))
-                for colour, width in line.layers:
-                    drawing.line(line.places[:, :2], colour, width)
+        there = [line for line in lines if len(line.places)]
+        for line in there:
+            for colour, width in line.layers:
+                drawing.line(line.places[:, :2], colour, width)
         with_bodies = drawing.bodies(outlines)
         marked = [(stop, str(number), PAPER) for number, stop in enumerate(via, 1)]
         marked += [] if ended is None else [(ended, "x", ENDED)]
@@ -210,20 +213,24 @@ class Chart:
                 away = np.array([start, goal or start, *via])
                 self._overview(drawing, part, tints, away)
 
-        # the legend
+        # the legend, with the widest line first
+        keys: list[Item] = []
+        for line in sorted(there, key=lambda each: -each.width):
+            pieces = [(_PIECE, *layer) for layer in line.layers]
+            keys.append(drawing.drawn(28.0, pieces, line.words))
         swatches = (
             (START, begin, start),
             (GOAL, "goal", goal),
             (PAPER, "by way of", via),
             (BODY, "vehicle", with_bodies),
-            *((tinted(tint), tint.words, True) for tint in tints),
+            *((tinted(tint), tint.words, tint.words) for tint in tints),
             (ENDED, "where the search ended", ended),
             (SHUT_GROUND, "impassable", (~(self.cost < 1.0) & ~unknown).any()),
         )
         keys += [drawing.swatch(colour, words) for colour, words, shown in swatches if shown]
         if unknown.any():
             stripes = [([(at, 7), (at + 13, -6)], UNKNOWN, 2.0) for at in (0, 9)]
-            keys.append(drawing.drawn(22.0, stripes, "unknown"))
+            keys.append(drawing.drawn(22.0, stripes, stripes_say))
         costs = cost_picture(np.linspace(0.0, 0.999, 30, dtype=np.float32)[None])[0].tolist()
         places = zip(range(7, 127, 4), costs, strict=True)
         bar = [([(x, 0), (x + 4, 0)], colour, 13.0) for x, colour in places]
@@ -237,27 +244,30 @@ class Chart:
     ) -> None:
         """Put the whole map into the corner that is farthest from places."""
         share = _OVERVIEW * max(drawing.map.shape[:2]) / max(self.cost.shape)
-        small = self.ground(self.whole, max(int(1.0 / share), 1), tints)
-        size = tuple(max(round(cells * share), 1) for cells in self.cost.shape[::-1])
-        small = cv2.resize(small, size, interpolation=cv2.INTER_AREA)  # type: ignore[assignment]
-        row, col, rows, cols = (round(cells * share) for cells in part)
+        step = max(int(1.0 / share), 1)
+        whole = self.ground(self.whole, step, tints)
         shares = (places - part[:2]) / part[2:]
         corner = max(_CORNERS, key=lambda each: np.abs(shares - each).max(1).min())
-        drawing.overview(small, (row, col, max(rows, 6), max(cols, 6)), corner)
+        drawing.overview(whole, step * share, np.multiply(part, share), corner)
 
 
 def cost_picture(cost: Float2D, shade: Shade | None = None) -> Picture:
     """A cell a pixel: the relief, (H, W) uint8 from `hillshade`, or level ground, the browner the
     costlier; impassable cells, NaN or from 1 up, are dark.
     """
-    passable = cost < 1.0
+    passable = (cost < 1.0)[..., None]
     lightness = np.float32(105.0) + np.float32(0.6) * (_FLAT if shade is None else shade)
     lit = np.broadcast_to(lightness, cost.shape)[..., None]
-    strength = np.where(passable, _DEAR * cost.clip(0.0), _SHUT)[..., None].astype(np.float32)
+    strength = np.where(passable, _DEAR * cost.clip(0.0)[..., None], _SHUT).astype(np.float32)
     colours = np.array((COST, IMPASSABLE), np.float32)
-    colour = np.where(passable[..., None], *colours)
-    picture = ((1.0 - strength) * lit + strength * colour).astype(np.uint8)
-    return picture & _SHADES
+    colour = np.where(passable, colours[0], colours[1])
+    picture: Picture = ((1.0 - strength) * lit + strength * colour).astype(np.uint8)
+    return picture & SHADES
+
+
+def mixed(ground: Picture, strength: float, colour: Colour) -> Picture:
+    """A colour laid over the ground, which shows through."""
+    return ((1.0 - strength) * ground + strength * np.array(colour)).astype(np.uint8) & SHADES
 
 
 SHUT_GROUND: Colour = tuple(cost_picture(np.ones((1, 1), np.float32))[0, 0].tolist())
@@ -311,7 +321,7 @@ def plan_picture(
     via : sequence of (row, col)
         Places between, in the order in which they are visited.
     reference_path : (N, 2) int
-        The exact optimum, drawn wider and below the path: both are seen where they agree.
+        The exact optimum, drawn on the path and narrower: both are seen where they agree.
     outlines : sequence of (N, 2) float
         Of a vehicle along the path, rows and columns, from `body_outlines`; left out where they
         would be dots.
@@ -332,6 +342,7 @@ def plan_picture(
         via=via,
         lines=lines,
         tints=list(_tints(plan, refused, reached)),
+        unseen=None if refused is None else refused == 1,
         outlines=outlines,
         ended=ended,
         part=chart.around(np.concatenate([np.array(stops, np.float64), *drawn])),
@@ -390,15 +401,11 @@ def body_outlines(
     # where along the path it is drawn, and how it is turned there: rows go down
     count = min(max(int(along[-1] / (4.0 * ahead.max())), 1), 100)
     places = np.searchsorted(along, np.linspace(0.0, along[-1], count + 1))
-    if headings_deg is None:
-        down, right = steps[np.minimum(places, len(steps) - 1)].T
-        headings = np.arctan2(right, -down)
-    else:
-        headings = np.radians(headings_deg[places])
+    headings = headings_along(path * np.array(sides_m)) if headings_deg is None else headings_deg
     outlines = []
-    for at, heading in zip(places, headings, strict=True):
-        down = -math.cos(heading)
-        right = math.sin(heading)
+    for at in places:
+        down = -math.cos(math.radians(headings[at]))
+        right = math.sin(math.radians(headings[at]))
         outlines.append(path[at] + shape @ [(down, right), (-right, down)] / sides_m)
     return outlines
 
@@ -428,14 +435,17 @@ def save_picture(path: Path, picture: Picture) -> None:
 def _tints(plan: Plan, refused: Shade | None, reached: Reached | None) -> Iterator[Tint]:
     """Cells that are tinted."""
     if plan.network_region is not None:
-        yield Tint(plan.network_region.mask(), 0.15, REGION, "network's region")
+        inside = plan.network_region.mask()
+        within = cv2.erode(inside.astype(np.uint8), np.ones((3, 3), np.uint8))
+        yield Tint(inside, _TINT / 2, REGION, "network's region, outlined")
+        yield Tint(inside & (within == 0), _EDGE, REGION, "")
     if plan.region is not None:
         yield Tint(plan.region.mask(), _TINT, REGION, "region searched")
     if reached is not None:
         words = "reached from the start" if reached.begun == "start" else "leads to the goal"
         yield Tint(reached.cells, _TINT, REACHED, words)
     if refused is not None:
-        for limit in np.unique(refused[refused > 0]).tolist():
+        for limit in np.unique(refused[refused > 1]).tolist():
             yield Tint(refused == limit, _NO_STAND, *REFUSED[limit - 1])
 
 
@@ -444,14 +454,14 @@ def _lines(plan: Plan, reference_path: Line | None, point_path: Line | None) -> 
     arcs = plan.states is not None
     freed = plan.line is not plan.path and not arcs
     words = "path of arcs" if arcs else "path freed from the grid" if freed else "path"
-    if reference_path is not None:
-        yield Drawn(reference_path, OPTIMUM, 9.0, "exact optimum")
     if point_path is not None:
         other = "path with turns on the spot" if arcs else "path of a point"
         yield Drawn(point_path, POINT, 2.5, other)
     if freed:
         yield Drawn(plan.path, GRID, 2.0, "path of the grid")
-    yield Drawn(plan.line, PATH, 3.5, words)
+    yield Drawn(plan.line, PATH, 5.0, words)
+    if reference_path is not None:
+        yield Drawn(reference_path, OPTIMUM, 1.2, "exact optimum")
 
 
 def _facts(plan: Plan) -> Iterator[str]:
@@ -480,8 +490,3 @@ def tinted(tint: Tint) -> Colour:
     """Its colour on level ground."""
     ground = cost_picture(np.zeros((1, 1), np.float32))[0, 0]
     return tuple(mixed(ground, tint.strength, tint.colour).tolist())
-
-
-def mixed(ground: Picture, strength: float, colour: Colour) -> Picture:
-    """A colour laid over the ground, which shows through."""
-    return ((1.0 - strength) * ground + strength * np.array(colour)).astype(np.uint8)

@@ -78,6 +78,11 @@ class Ground:
                 from nnpp_edge.runtime.robots.slope.cost import slope_cost_of
 
                 slope_cost_of(self.step_cost, self.mobility)
+            if self.vehicle is not None:
+                from nnpp_edge.runtime.robots.slope.cost import Mobility
+
+                mobility = (self.mobility or Mobility()).unwalked()
+                object.__setattr__(self, "mobility", mobility)
             body = self.body
             disc = self.vehicle is not None and body is None
             if body is not None and self.traversability is not None:

@@ -21,6 +21,10 @@ if TYPE_CHECKING:
     from nnpp_edge.runtime.robots.body.arcs import Arc, Drive
     from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
+_LIKELY = (2, 4, 8)
+"""Percent above the optimum that 95 of 100 measured paths keep within: of a point, of a body
+(docs/results.md) and of arcs (docs/decisions/arcs.md)."""
+
 
 class _Named(StrEnum):
     @classmethod
@@ -119,7 +123,7 @@ class Plan:
     `robots.body.motions.LEGS`, and 16 more where it came backwards and a change of gear
     costs; None of others, as cells tell it."""
     vehicle: "Vehicle | None" = field(default=None, repr=False)
-    """That body."""
+    """Whose path it is; None of a point."""
     known: int = 0
     """Cells from the path's first on that are known and checked: all, but on ground that is known
     coarsely.
@@ -262,6 +266,19 @@ class Plan:
             return self.cost / self.lower_bound
         return 1.0 if self.cost <= self.lower_bound else math.inf
 
+    @property
+    def optimality(self) -> str:
+        """How far the cost may be from the optimum: what is likely, and what is proven."""
+        if self.bound <= 1.0 + 1e-6:
+            return "the optimum"
+        if math.isinf(self.bound):
+            return f"no path costs less than {self.lower_bound:.6g}"
+        likely = _LIKELY[(self.vehicle is not None) + (self.states is not None)]
+        words = f"proven to be at most {self.bound:.5g} times the optimum"
+        if self.bound > 1.0 + 0.01 * likely:
+            words = f"likely within {likely} % of the optimum, {words}"
+        return words
+
     def summary(self) -> dict[str, object]:
         """The plan without its arrays, ready for JSON (inf and NaN as None)."""
         line: dict[str, object] = {}
@@ -317,11 +334,8 @@ class Plan:
             name: value for name in ("source", "choice", "reason") if (value := getattr(self, name))
         }
         if self.ok:
-            bound = (
-                f", at most {self.bound:.3f} times the optimum" if math.isfinite(self.bound) else ""
-            )
-            told = ", the optimum" if self.bound <= 1.0 + 1e-6 else bound
-            rows |= {"cost": f"{self.cost:.6g}{told}", "length": f"{self.length:.6g} cells"}
+            told = f"{self.cost:.6g}, {self.optimality}"
+            rows |= {"cost": told, "length": f"{self.length:.6g} cells"}
         if self.waypoints is not None:
             rows["line integral"] = f"{self.line_cost:.6g}, {len(self.waypoints)} way points"
         if math.isfinite(self.ground_length_m):

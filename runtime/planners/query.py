@@ -134,7 +134,7 @@ class Found(NamedTuple):
             timings_ms=work.timings_ms,
             along=state.along(path),
             states=states,
-            vehicle=None if states is None else state.vehicle,
+            vehicle=state.vehicle,
             known=state.known_along(path),
         )
         work.stage_ends("path")  # the plan's own making counts

@@ -70,6 +70,11 @@ class Traversability:
         none = {each.name: math.inf for each in fields(self) if each.name.startswith("hard_")}
         return replace(self, **none)
 
+    def scaled(self, factor: float) -> "Traversability":
+        """By which ground with cells and heights `factor` times as large costs the same."""
+        lengths = {name: factor * value for name, value in vars(self).items() if name[-2:] == "_m"}
+        return replace(self, **lengths)
+
     @property
     def changed(self) -> dict[str, float]:
         """The values that are not the defaults, by name."""
@@ -300,9 +305,8 @@ def warn_of_saturation(
         shares = ", ".join(f"{100 * share:.0f} % ({term.words})" for term, share in full)
         warnings.warn(
             f"cells at the limit of a cost term, which no longer distinguishes them: {shares}: "
-            "raise "
-            f"{' and '.join(term.limit for term, _ in full)} (--limit KEY=VALUE), or rescale to "
-            "smaller cells",
+            f"raise {' and '.join(term.limit for term, _ in full)} (--limit KEY=VALUE), or judge "
+            "cells as if they were smaller (--rescale METRES)",
             SaturationWarning,
             stacklevel=stacklevel,
         )

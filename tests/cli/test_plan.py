@@ -4,6 +4,7 @@ to find.
 
 import csv
 import math
+import sys
 from pathlib import Path
 
 import cv2
@@ -12,17 +13,21 @@ import pytest
 
 from nnpp_edge.cli import planning
 from nnpp_edge.ros.maps import GridMap, MapFrame
-from nnpp_edge.runtime import Traversability, exercises, plan_path, traversability_cost
+from nnpp_edge.runtime import (
+    Planner,
+    Traversability,
+    exercises,
+    plan_path,
+    traversability_cost,
+)
 from nnpp_edge.runtime.network import loading
 from nnpp_edge.runtime.planners import planner
 from nnpp_edge.runtime.planners.query import Work
 from nnpp_edge.terrain import dem as dem_module
-from nnpp_edge.terrain.dem import Dem, Georeference
-from nnpp_edge.terrain.rasters import raster_bytes
-from tests.cli.grounds import ENDS, rolling, written
+from nnpp_edge.terrain.vehicle_files import load_vehicle
+from tests.cli.grounds import ENDS, PLACE, rolling, written
 from tests.strategies import flat, uniform
 
-PLACE = Georeference("EPSG:32615", (2.0, 0.0, 400_000.0, 0.0, -2.0, 5_000_000.0))
 EXACT = f"plan hills.npz {ENDS} --method astar"
 
 
@@ -50,12 +55,8 @@ def test_a_path_is_what_the_planner_finds_told_in_a_few_lines_and_in_json(run, t
     for name in ("cost", "length", "traverse_cost", "expansions"):
         assert found[name] == pytest.approx(getattr(plan, name))
     assert found["length_m"] == pytest.approx(2.0 * plan.length)
-    assert (found["start"], found["goal"], found["rows"], found["cols"]) == (
-        [5, 5],
-        [70, 80],
-        80,
-        90,
-    )
+    assert (found["start"], found["goal"]) == ([5, 5], [70, 80])
+    assert (found["rows"], found["cols"]) == hills.shape
     found = told(f"{EXACT} --workload limit12 --omega 0.02 --no-corner-cutting")
     cost = traversability_cost(hills, 2.0, Traversability(slope_limit_deg=12, hard_slope_deg=12))
     plan = plan_path(cost, (5, 5), (70, 80), method="astar", corner_cutting=False, omega=0.02)
@@ -78,43 +79,27 @@ def test_it_plans_once_unless_asked_to_compare(run, hills, monkeypatch):
         assert written("out/plan.json")["loading_included"] == included
 
 
-def test_the_files_hold_the_path_in_map_coordinates(told, tmp_path):
-    heights = rolling()
-    folder = tmp_path / "new" / "plan"
-    Path("dem.tif").write_bytes(
-        raster_bytes(tmp_path, heights, Dem(heights, 2.0, 2.0, PLACE, tmp_path))
-    )
-    found = told(f"plan dem.tif {ENDS} --method astar -o", folder)
+def test_the_files_hold_the_path_in_map_coordinates(told, hills):
+    folder = Path("new/plan")
+    found = told("plan hills.tif --start 5,5 --goal 70,80 --method astar -o", folder)
     assert found == written(folder / "plan.json")
     assert sorted(found["files"]) == sorted(map(str, folder.iterdir()))
-    path = plan_path(traversability_cost(heights, 2.0), (5, 5), (70, 80), method="astar").path
+    path = plan_path(traversability_cost(hills, 2.0), (5, 5), (70, 80), method="astar").path
     feature = written(folder / "path.geojson")
-    wanted = [
-        [400_000 + 2 * (col + 0.5), 5_000_000 - 2 * (row + 0.5)] for row, col in path.tolist()
-    ]
+    wanted = [list(PLACE.map_coordinates(*cell)) for cell in path.tolist()]
     assert feature["geometry"] == {"type": "LineString", "coordinates": wanted}
-    assert "UTM" in feature["properties"]["crs"]
-    assert feature["crs"]["properties"]["name"] == "urn:ogc:def:crs:EPSG::32615"
+    assert "SVY21" in feature["properties"]["crs"]
+    assert feature["crs"]["properties"]["name"] == "urn:ogc:def:crs:EPSG::3414"
     rows = list(csv.DictReader((folder / "path.csv").read_text().splitlines()))
-    assert list(rows[0]) == [
-        "row",
-        "col",
-        "x",
-        "y",
-        "elevation_m",
-        "cost",
-        "distance_m",
-        "ground_m",
-        "time_s",
-    ]
+    names = "row col x y elevation_m cost distance_m ground_m time_s"
+    assert list(rows[0]) == names.split()
     assert [[int(row["row"]), int(row["col"])] for row in rows] == path.tolist()
     assert [[float(row["x"]), float(row["y"])] for row in rows] == wanted
-    assert [float(row["elevation_m"]) for row in rows] == pytest.approx(
-        heights[tuple(path.T)].tolist(), rel=1e-5
-    )
+    heights = [float(row["elevation_m"]) for row in rows]
+    assert heights == pytest.approx(hills[tuple(path.T)].tolist(), rel=1e-5)
     assert max(len(row["cost"].lstrip("0.")) for row in rows) == 6
-    assert float(rows[0]["distance_m"]) == 0.0
-    assert float(rows[-1]["distance_m"]) == pytest.approx(found["length_m"])
+    along = [float(row["distance_m"]) for row in rows]
+    assert along[0] == 0.0 and along[-1] == pytest.approx(found["length_m"])
     assert cv2.imread(str(folder / "plan.png")).shape[0] > 800
 
 
@@ -232,10 +217,17 @@ def test_a_saved_grid_map_is_planned_on_in_its_metres(told):
     assert line[0] == pytest.approx([9.75, -4.25]) and line[-1] == pytest.approx([-6.25, -16.25])
 
 
-def test_no_path_ends_with_1_and_leaves_no_old_path_behind(run, told, split):
-    assert run(f"{EXACT} -o out").code == 0
+def test_no_path_ends_with_1_and_leaves_no_file_of_an_earlier_plan(run, told, split):
+    run(f"{EXACT} -o out --format gpkg --format png --format svg")
+    Path("out/figure.pdf").write_text("of somebody else")
+    before = set(Path("out").iterdir())
+    ended = run("plan hills.npz --start 5,5 --goal out/path.gpkg:stations -o out")
+    ended.refused("would replace out/path.gpkg, which is read")
+    assert set(Path("out").iterdir()) == before
     ended = run(f"plan split.npz {ENDS} --method astar -o out")
     assert ended.code == 1 and ended.out.startswith("NO_PATH") and ended.err == ""
+    gone = {path.name for path in before.difference(Path("out").iterdir())}
+    assert gone == {"path.gpkg", "path.qml", "figure.png", "figure.svg"}
     found = written("out/plan.json")
     assert (found["status"], found["cost"], found["length_m"]) == ("NO_PATH", None, None)
     assert written("out/path.geojson")["geometry"] is None
@@ -323,6 +315,16 @@ def test_who_gave_a_wrong_place_does_not_wait(run, hills, monkeypatch):
         ):
             ended = run(f"plan hills.npz --start {start} --goal {goal} {limit}")
             ended.refused(f"{words} lies outside the map of 80 × 90 cells")
+    run(f"{EXACT} -o out --format gpx").refused("--format gpx: ", "the file names none")
+    monkeypatch.setattr(dem_module, "read_dem", never)
+    for words, module in (
+        (f"{EXACT} --format gpkg", "pyogrio"),
+        (f"{EXACT} --format svg", "matplotlib"),
+        ("reach hills.npz --start 5,5 --within-cost 9", "rasterio"),
+    ):
+        monkeypatch.setitem(sys.modules, module, None)
+        run(f"{words} -o out").refused(f"{module}: pip install")
+    assert not Path("out").exists()
 
 
 def test_what_is_likely_is_said_where_more_is_not_proven(run, hills):
@@ -330,3 +332,7 @@ def test_what_is_likely_is_said_where_more_is_not_proven(run, hills):
     assert "likely within 2 % of the optimum, proven to be at most" in run(words).out
     proven = run(f"{words} --epsilon 0.01").out
     assert "likely" not in proven and ("proven" in proven or "the optimum" in proven)
+    body = Planner.of_elevation(hills, 2.0, vehicle=load_vehicle("large-rover"), warn=False)
+    for _ in range(2):  # its poses are checked once
+        found = body.plan((5, 5), (70, 80), method="corridor")
+        assert "likely within 4 % of the optimum" in str(found)

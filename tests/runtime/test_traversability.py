@@ -111,6 +111,13 @@ def test_by_hand_a_plane_costs_its_slope_a_spike_steps_and_unknown_cells_are_imp
     assert np.isinf(traversability_cost(ragged, 1.0, warn=False)).any()
 
 
+@pytest.mark.parametrize("along", np.indices((6, 6)), ids=["rows", "columns"])
+def test_a_steep_step_shuts_the_cells_on_both_its_sides_at_the_border_too(along):
+    dem = np.where(along < 3, np.float32(0.0), np.float32(0.3))
+    shut = np.isinf(traversability_cost(dem, 1.0, Traversability(hard_gradient_deg=12)))
+    assert np.array_equal(shut, (along == 2) | (along == 3))
+
+
 def test_every_term_has_its_place_in_the_kernels_and_its_limits():
     names = [name for term in TERMS for name in (term.limit, term.weight, term.hard)]
     fields = {field.name for field in dataclasses.fields(Traversability)}

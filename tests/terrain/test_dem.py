@@ -399,9 +399,10 @@ def test_a_package_that_is_installed_but_fails_is_not_called_missing(tmp_path, m
 
 @given(st.floats(1e-3, 1e3))
 def test_rescaling_keeps_every_slope(cell_size_m):
-    dem = dem_of()
+    dem = dem_of(georeference=Georeference(None, tuple(NORTH_UP)[:6]))
     grown = dem.rescaled(cell_size_m)
     assert grown.cell_size_m == cell_size_m and grown.elevation.dtype == np.float32
+    assert grown.georeference is None, "its metres are its own"
     for axis, side in ((0, "cell_size_m"), (1, "cell_width_m")):
         slope = np.diff(dem.elevation.astype(float), axis=axis) / getattr(dem, side)
         grown_slope = np.diff(grown.elevation.astype(float), axis=axis) / getattr(grown, side)

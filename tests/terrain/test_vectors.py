@@ -49,14 +49,14 @@ def write(path, places, crs=UTM, kind="MultiPoint"):
 
 
 def write_points(path, places, crs=UTM, layer="stops", driver="GPKG"):
-    """A point a feature, the second empty."""
+    """A point a feature with its number as its label, the second empty."""
     places = [places[0], (np.nan, np.nan), *places[1:]]
     shapes = [struct.pack("<BIdd", 1, 1, *place) for place in places]
     pyogrio.raw.write(
         path,
         np.array(shapes, object),
         field_data=[np.arange(len(shapes))],
-        fields=np.array(["number"], object),
+        fields=np.array(["label"], object),
         geometry_type="Point",
         crs=crs,
         layer=layer,
@@ -77,6 +77,7 @@ def test_points_in_the_maps_system_are_taken_as_they_are_in_their_order(tmp_path
     for path in (*several, single, bare, packed):
         found, _, word = points_of(path, dem())
         assert list(map(tuple, found.tolist())) == PLACES and word == ""
+    assert points_of(single, dem()).names == ["0", "2", "3"]
 
 
 def test_points_in_another_system_are_reprojected_and_it_is_said(tmp_path):

@@ -346,8 +346,9 @@ function duration(seconds) {
   const minutes = Math.round(seconds / 60);
   if (minutes < 120) return `${minutes} min`;
   const hours = Math.floor(minutes / 60);
-  const rest = minutes % 60 ? ` ${minutes % 60} min` : "";
-  return hours < 48 ? `${hours} h${rest}` : `${Math.floor(hours / 24).toLocaleString("en")} days ${hours % 24} h`;
+  const rest = (count, unit) => (count ? ` ${count} ${unit}` : "");
+  const days = Math.floor(hours / 24).toLocaleString("en");
+  return hours < 48 ? `${hours} h${rest(minutes % 60, "min")}` : `${days} days${rest(hours % 24, "h")}`;
 }
 
 function joules(energy) {

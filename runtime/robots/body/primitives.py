@@ -122,6 +122,11 @@ def curve(direction: int, sides_m: tuple[float, float], radius_m: float) -> Curv
     )
 
 
+def sharpest_m(radius_m: float, sides_m: tuple[float, float]) -> float:
+    """Radius of the sharpest arc of them all, where none may be below `radius_m`."""
+    return min(curve(k, sides_m, radius_m).radius_m for k in range(DIRECTION_COUNT))
+
+
 class Primitives(NamedTuple):
     """Of a vehicle on cells of certain sides."""
 

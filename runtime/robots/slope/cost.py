@@ -415,7 +415,7 @@ class Mobility:
     """
 
     tobler: ToblerCost | None = ToblerCost()
-    """None where nobody walks, off the Earth, unless that is the step cost."""
+    """None where nobody walks, off the Earth and in a vehicle, unless that is the step cost."""
     linear: LinearCost = LinearCost()
     time: TimeCost | None = None
     energy: EnergyCost | None = None
@@ -426,8 +426,12 @@ class Mobility:
         default.
         """
         energy = self.energy and replace(self.energy, gravity_m_s2=gravity_m_s2)
-        walks = gravity_m_s2 == _EARTH or self.tobler != ToblerCost()
-        return replace(self, energy=energy, tobler=self.tobler if walks else None)
+        found = replace(self, energy=energy)
+        return found if gravity_m_s2 == _EARTH else found.unwalked()
+
+    def unwalked(self) -> "Mobility":
+        """This model where nobody walks by default: a walker whose numbers were set stays."""
+        return replace(self, tobler=None) if self.tobler == ToblerCost() else self
 
     def model(self, step_cost: str) -> SlopeCost:
         """The model of that ``step_cost``; InvalidQueryError where there is none, or its table is
