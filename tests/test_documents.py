@@ -345,10 +345,9 @@ def test_the_sites_home_shows_the_mission_as_readme_does(hooks):
 
 def test_cells_of_wide_tables_name_their_columns_for_phones(hooks):
     heads = "<th>time, <code>ms</code></th>" + "<th>n</th>" * 5
-    narrow = "<table><tr><th>n</th></tr><tr><td>1</td></tr></table>"
     wide = f"<table><tr>{heads}</tr>{'<tr><td>1</td></tr>' * 12}</table>"
-    shown = hooks.on_page_content(narrow + wide, None, None, None)
-    assert shown.startswith(narrow) and shown.count('<td data-head="time, ms">1</td>') == 2
+    shown = hooks.on_page_content(wide, None, None, None)
+    assert shown.count('<td data-head="time, ms">1</td>') == 2
 
 
 def test_a_page_that_asks_another_host_for_something_is_refused(hooks, tmp_path):
