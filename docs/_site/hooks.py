@@ -69,7 +69,7 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     """Turn links to files that have a page here into links to it, and `docs/…` in text into such
     links; fill in the tables of results.
 
-    Links to other files outside docs/ become their path.
+    Links to other files outside docs/ become their path, behind the text that it does not repeat.
     """
     from nnpp_edge.benchmarks import results
 
@@ -86,7 +86,7 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
         path = os.path.normpath(written_in / target)
         if path in page_of or path.startswith("docs/"):
             return f"[{text}]({up}{page_of.get(path) or path.removeprefix('docs/')}{anchor})"
-        return f"{text} (`{path}`)"
+        return f"`{path}`" if path.endswith(text.strip("`")) else f"{text} (`{path}`)"
 
     def named(match: re.Match[str]) -> str:
         return (
