@@ -10,6 +10,11 @@ from enum import StrEnum
 from importlib import import_module
 from types import ModuleType
 
+INSTALL = "pip install -e '.[{0}]' in a clone, or pip install 'FILE.whl[{0}]'"
+"""How an extra is installed while no release is published; documents name these ways alone
+(tests/test_documents.py).
+"""
+
 
 class NnppEdgeError(Exception):
     """Base of every error that the toolkit raises on purpose."""
@@ -65,7 +70,7 @@ def optional_module(name: str, purpose: str, extra: str) -> ModuleType:
 def import_problem(package: str, extra: str, error: Exception) -> str:
     """A package that could not be imported: how to get it, or why it fails although it is there."""
     if isinstance(error, ModuleNotFoundError) and error.name == package:
-        return f"{package}: pip install 'nnpp-edge[{extra}]'"
+        return f"{package}: {INSTALL.format(extra)}"
     return f"{package}, which is installed but cannot be imported ({' '.join(str(error).split())})"
 
 

@@ -12,6 +12,7 @@ import re
 import shlex
 import sys
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace as Message
 
@@ -21,9 +22,13 @@ import pytest
 
 from nnpp_edge.benchmarks import results
 from nnpp_edge.cli.main import COMMANDS, cli
+from nnpp_edge.runtime.errors import INSTALL
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.priors import prices_by
 from nnpp_edge.terrain.dem import SAMPLES, sample_dem, sample_path
+from nnpp_edge.terrain.georeference import Georeference
+from nnpp_edge.terrain.rasters import raster_bytes
+from tests.robot.test_ros_maps import as_objects, message
 from tests.strategies import flat
 
 ROOT = Path(__file__).parent.parent
@@ -62,6 +67,10 @@ NOT_RUN = {
 """Commands, by a part of them, and pages that are not run: why, and the tests that run the like."""
 
 
+DRIVE = """
+{"at": 0, "type": "pose", "row": 20, "col": 20}
+{"at": 0, "type": "goal", "row": 90, "col": 90}
+""".lstrip()
 SHORT = {"docs/start.md": 300}
 """Words at most of a page that must be shorter than the other guides."""
 LONG = ("messages.md", "glossary.md", "results.md", "architecture.md", "boards.md")
@@ -120,44 +129,20 @@ def test_a_guide_is_short(path):
 @pytest.fixture(scope="module")
 def workshop(tmp_path_factory):
     """A folder with what the documents take for granted."""
-    import rasterio
-
     folder = tmp_path_factory.mktemp("workshop")
-    dem = sample_dem("earth_hummocks")
-    place = {"transform": rasterio.Affine(1, 0, 429_324, 0, -1, 5_150_813), "crs": "EPSG:26915"}
-    kind = {
-        "driver": "GTiff",
-        "width": dem.shape[1],
-        "height": dem.shape[0],
-        "count": 1,
-        "dtype": "float32",
-    }
-    with rasterio.open(folder / "dem.tif", "w", **kind, **place, tiled=True) as dataset:
-        dataset.write(dem.elevation, 1)
+    place = Georeference("EPSG:26915", (1.0, 0.0, 429_324.0, 0.0, -1.0, 5_150_813.0))
+    dem = replace(sample_dem("earth_hummocks"), georeference=place)
+    (folder / "dem.tif").write_bytes(raster_bytes(folder, dem.elevation, dem))
     np.save(folder / "heights.npy", dem.elevation[:80, :90])
     (folder / "coarse.tif").symlink_to("dem.tif")
-    inputs = [
-        {"at": 0, "type": kind, "row": row, "col": row}
-        for kind, row in (("pose", 20), ("goal", 90))
-    ]
-    (folder / "drive.jsonl").write_text("".join(json.dumps(message) + "\n" for message in inputs))
+    (folder / "drive.jsonl").write_text(DRIVE)
     return folder
 
 
 def grid_map_message(rows, cols):
-    """A flat grid_map_msgs/GridMap of cells of 0.1 m around the origin."""
-    zero = Message(x=0.0, y=0.0, z=0.0, w=1.0)
-    pose = Message(position=zero, orientation=zero)
-    info = Message(resolution=0.1, length_x=0.1 * rows, length_y=0.1 * cols, pose=pose)
-    dims = [
-        Message(label=label, size=size)
-        for label, size in (("column_index", cols), ("row_index", rows))
-    ]
-    heights = Message(layout=Message(dim=dims), data=[0.0] * (rows * cols))
-    starts = {"outer_start_index": 0, "inner_start_index": 3}
-    return Message(
-        header=Message(frame_id="odom"), info=info, layers=["elevation"], data=[heights], **starts
-    )
+    """A flat grid_map_msgs/GridMap of cells of 0.1 m."""
+    sides = {"resolution": 0.1, "length_x": 0.1 * rows, "length_y": 0.1 * cols}
+    return as_objects(message(values=np.zeros((rows, cols), np.float32), **sides))
 
 
 def assumed(path):
@@ -165,10 +150,7 @@ def assumed(path):
     dem = sample_dem("earth_hummocks").elevation
     names = {"np": np, "dem": dem, "start": (20, 20), "goal": (240, 150)}
     if path.name == "README.md":
-        return {
-            "np": np,
-            "dem": np.outer(np.sin(np.arange(512) / 40.0), np.cos(np.arange(512) / 50.0)),
-        }
+        return {"np": np, "dem": np.outer(np.sin(np.arange(512) / 40.0), np.ones(512))}
     if path.name == "onboard.md":
         return names | {"cost": flat(256, 256, 0.2), "patch": np.ones((3, 4))}
     if path.name == "how-to-maps.md":
@@ -354,6 +336,20 @@ def test_the_site_shows_names_that_are_there_and_all_of_the_runtime():
         assert pkgutil.resolve_name(name), name
 
 
+def test_the_sites_home_shows_the_mission_as_readme_does(hooks):
+    page = Message(file=Message(src_uri="index.md"))
+    home = hooks.on_page_markdown((ROOT / "docs/index.md").read_text(), page, None, None)
+    readme = (ROOT / "README.md").read_text()
+    assert re.search(r"results: mission -->.*?end -->", readme, re.DOTALL)[0] in home
+
+
+def test_cells_of_wide_tables_name_their_columns_for_phones(hooks):
+    heads = "<th>time, <code>ms</code></th>" + "<th>n</th>" * 5
+    wide = f"<table><tr>{heads}</tr>{'<tr><td>1</td></tr>' * 12}</table>"
+    shown = hooks.on_page_content(wide, None, None, None)
+    assert shown.count('<td data-head="time, ms">1</td>') == 2
+
+
 def test_a_page_that_asks_another_host_for_something_is_refused(hooks, tmp_path):
     config = Message(site_dir=str(tmp_path))
     page = tmp_path / "page.html"
@@ -388,3 +384,17 @@ def test_tables_of_results_are_those_of_the_run_that_is_kept():
     for page in results.PAGES:
         text = (ROOT / page).read_text()
         assert "<!-- results: " in text and results.filled(text, kept) == text
+    network = next(row for row in kept["mission"] if row["planner"] == "nnpp")  # at 256²
+    told = f"`edge` is {network['speedup_total']:.1f} times as fast as exact A"
+    assert told in " ".join(text.split())
+
+
+def test_installs_are_those_that_error_lines_name():
+    """A release changes `INSTALL`, and this test lists the pages that go with it."""
+    wheel = '"$(ls nnpp_edge-*.whl)'  # what a shell makes of the file's name
+    known = {wheel, *re.findall(r"pip install (.*?)\[\{0\}\]", INSTALL)}
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    extras = project["optional-dependencies"].keys()
+    for path in DOCUMENTS:
+        for form, named in re.findall(r"pip install ([^\n`[]*)\[([a-z,]+)\]", path.read_text()):
+            assert form in known and extras >= set(named.split(",")), (name_of(path), form, named)

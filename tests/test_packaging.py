@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from importlib.metadata import packages_distributions
 from pathlib import Path
 from zipfile import ZipFile
 
@@ -103,6 +104,20 @@ def test_the_onboard_install_asks_for_no_training_packages():
         re.split(r"[^\w-]", requirement)[0] for requirement in PYPROJECT["project"]["dependencies"]
     }
     assert not needed & TRAINING
+
+
+def test_an_error_line_names_the_extra_that_brings_the_missing_module():
+    extras = PYPROJECT["project"]["optional-dependencies"]
+    brings = packages_distributions()
+    source = "".join(path.read_text() for _, folder in packages() for path in folder.glob("*.py"))
+    calls = re.findall(
+        r'\boptional_module\(\s*"(\w+)[\w.]*",\s*(?:[^"]*|f?"[^"]*"),\s*"(\w+)"', source
+    )
+    assert len(calls) == source.count("optional_module(") - 1  # where it is defined
+    for module, extra in calls:
+        brought = " ".join(extras[extra]).replace("-", "_")
+        (name,) = set(brings[module])
+        assert name.lower().replace("-", "_") in brought
 
 
 CONSUMER = """

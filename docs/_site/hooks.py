@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
+from html import escape
+from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +28,9 @@ OUTSIDE = {  # page: the file that it shows
 }
 _LOADED = re.compile(r"<(?:script|link|img|iframe|source|video|object|embed)\b[^>]*>")
 _FENCED = re.compile(r"(^ *```.*?^ *```$)", re.DOTALL | re.MULTILINE)
+_TABLE = re.compile(r"<table>.*?</table>", re.DOTALL)
+_WIDE = 6
+"""Columns from which on a phone shows each row of a table as a list."""
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
@@ -61,10 +67,13 @@ def pages() -> dict[str, str]:
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
     """Turn links to files that have a page here into links to it, and `docs/…` in text into such
-    links.
+    links; fill in the tables of results.
 
-    Links to other files outside docs/ become their path.
+    Links to other files outside docs/ become their path, behind the text that it does not repeat.
     """
+    from nnpp_edge.benchmarks import results
+
+    markdown = results.filled(markdown, json.loads((ROOT / results.STORED).read_text()))
     here = page.file.src_uri
     up = "../" * here.count("/")
     page_of = {path: name for name, path in OUTSIDE.items()}
@@ -77,7 +86,7 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
         path = os.path.normpath(written_in / target)
         if path in page_of or path.startswith("docs/"):
             return f"[{text}]({up}{page_of.get(path) or path.removeprefix('docs/')}{anchor})"
-        return f"{text} (`{path}`)"
+        return f"`{path}`" if path.endswith(text.strip("`")) else f"{text} (`{path}`)"
 
     def named(match: re.Match[str]) -> str:
         return (
@@ -91,6 +100,20 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
         text = re.sub(r"\[([^\]]+)\]\((?!http|#)([^)#\s]+)(#[^)\s]*)?\)", linked, parts[at])
         parts[at] = re.sub(r"(?<!\[)`docs/([a-z/-]+\.md)`", named, text)
     return "".join(parts)
+
+
+def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Give the cells of wide tables the heads of their columns, for phones (`style.css`)."""
+
+    def labelled(table: re.Match[str]) -> str:
+        heads = re.findall(r"<th[^>]*>(.*?)</th>", table[0], re.DOTALL)
+        if len(heads) < _WIDE:
+            return table[0]
+        names = cycle(escape(re.sub("<[^>]*>", "", head)) for head in heads)
+        cells = re.sub("<td", lambda _: f'<td data-head="{next(names)}"', table[0])
+        return cells.replace("<table>", "<table data-wide>")
+
+    return _TABLE.sub(labelled, html)
 
 
 def on_post_build(config: MkDocsConfig) -> None:

@@ -43,8 +43,6 @@ _ROUNDED_UP = 1.05
 """By how much a number may be larger than its first two digits."""
 _MUCH_WIDER = 1.1
 """Times as wide as the vehicle's radius that a map's arcs may be before a warning says so."""
-_MOST_UNEQUAL_GRAVITY = 0.01
-"""Share by which the map's gravity may differ from the file's before a warning says so."""
 
 
 def _named(kind: str) -> str:
@@ -158,8 +156,7 @@ class VehicleOptions:
     def mobility(self, place: "Place | None" = None) -> "Mobility":
         """How the vehicle gets up and down; a hiker's way where nothing is said.
 
-        Energy goes by the gravity that was set, else by that of the map's body, else by the file's:
-        a warning says where the map's differs from the file's.
+        Energy goes by the gravity that was set, else by that of the map's body, else by the file's.
         """
         from nnpp_edge.runtime.robots.slope.cost import Mobility
         from nnpp_edge.terrain.coordinates import gravity_of
@@ -169,19 +166,9 @@ class VehicleOptions:
         source = Path(self.mobility_file or self.vehicle or "--set").name
         found = mobility_of(values["mobility"], source) if "mobility" in values else Mobility()
         gravity = None if place is None else gravity_of(place)
-        own = found.energy and found.energy.gravity_m_s2
-        if own and any("gravity_m_s2" in each.word for each in self.settings):
-            gravity = own
-        if gravity is None:
-            return found
-        if own and abs(gravity / own - 1.0) > _MOST_UNEQUAL_GRAVITY:
-            warnings.warn(
-                f"energy uses {gravity:g} m/s², the gravity of the map's body, not the vehicle's "
-                f"{own:g}; "
-                "--set mobility.energy.gravity_m_s2=… overrides it",
-                stacklevel=2,
-            )
-        return found.under(gravity)
+        if found.energy and any("gravity_m_s2" in each.word for each in self.settings):
+            gravity = found.energy.gravity_m_s2
+        return found if gravity is None else found.under(gravity)
 
     def _values(self) -> dict[str, object]:
         """The file's values, with what was set in their place."""

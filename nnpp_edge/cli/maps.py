@@ -33,6 +33,7 @@ from nnpp_edge.terrain import dem as dems
 from nnpp_edge.terrain.coordinates import lonlat_corners
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.georeference import Place
+from nnpp_edge.terrain.rasters import READ_IN_METRES
 from nnpp_edge.viz.picture import Chart
 
 _MOST_UNEQUAL_SIDES = 0.05
@@ -68,13 +69,10 @@ def size_in_words(place: Place) -> str:
 
 def warn_if_not_square(place: Place) -> None:
     """Warn of cells whose sides differ."""
-    size = place.cell_size_m
-    width = place.cell_width_m
-    if abs(size - width) > _MOST_UNEQUAL_SIDES * size:
+    if abs(place.cell_size_m - place.cell_width_m) > _MOST_UNEQUAL_SIDES * place.cell_size_m:
         warnings.warn(
-            f"cells are {size:.4g} m from north to south and {width:.4g} m from east to west. "
-            "Slopes and lengths in "
-            "metres take both sides into account; the search treats cells as square",
+            f"{size_in_words(place)}: slopes and lengths in metres take both sides into account, "
+            "but the search treats cells as square",
             stacklevel=2,
         )
 
@@ -169,10 +167,12 @@ class Near(NamedTuple):
 
 def refuse_map(place: Place) -> NoReturn:
     """InvalidMapError for a map without a passable cell; for programs, the status as well."""
-    if click.get_current_context().params["as_json"]:
+    context = click.get_current_context(silent=True)
+    if context is not None and context.params.get("as_json"):
         click.echo(json.dumps({"status": "INVALID_MAP"}))
     raise InvalidMapError(
-        f"{place.source}: wanted a map to plan on, got {size_in_words(place)}, all impassable"
+        f"{place.source}: wanted a map to plan on, got {size_in_words(place)}, all impassable; "
+        f"{READ_IN_METRES}"
     )
 
 

@@ -8,6 +8,7 @@ from nnpp_edge.profiling.contest import Facts, Figures
 from nnpp_edge.profiling.figures import stages_of
 from nnpp_edge.profiling.judge import IN_WORDS, measured, place, wanted
 from nnpp_edge.progress import MISSING, shown
+from nnpp_edge.runtime.errors import INSTALL
 
 
 def _verdict(line: Row) -> str:
@@ -211,7 +212,5 @@ def peers_text(rows: Sequence[Figures], missing: Sequence[str], *, markdown: boo
     ):
         lines += [words.format(**row) for row in rows if row[key]]
     if missing:
-        lines.append(
-            f"left out, not installed: {', '.join(missing)} (pip install 'nnpp-edge[bench]')"
-        )
+        lines.append(f"left out, not installed: {', '.join(missing)} ({INSTALL.format('bench')})")
     return "\n".join(lines)

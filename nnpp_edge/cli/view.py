@@ -53,9 +53,8 @@ def command(
 
     from msgspec.structs import replace
 
-    from nnpp_edge.cli.maps import size_in_words
+    from nnpp_edge.cli.maps import refuse_map
     from nnpp_edge.runtime.compiled import notice
-    from nnpp_edge.runtime.errors import InvalidMapError
     from nnpp_edge.view.answers import Answerer
     from nnpp_edge.view.asked import GIVEN, POINT, Asked, Site
     from nnpp_edge.view.landscape import likely_ends
@@ -82,9 +81,7 @@ def command(
         answerer = Answerer(site, asked)
         landscape = answerer.landscape(asked)  # what cannot be planned on is refused here
         if (likely := likely_ends(landscape.cost, landscape.planner.is_passable)) is None:
-            raise InvalidMapError(
-                f"{path}: wanted a map to plan on, got {size_in_words(read)}, all impassable"
-            )
+            refuse_map(read)
         answerer.first = replace(
             asked, start=asked.start if begin else likely[0], goal=asked.goal if end else likely[1]
         )

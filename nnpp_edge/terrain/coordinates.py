@@ -5,7 +5,6 @@ it.
 import functools
 import math
 import warnings
-from collections.abc import Iterator
 from itertools import product
 from pathlib import Path
 from types import ModuleType
@@ -32,19 +31,16 @@ _GRAVITY = {
     482_000.0: 0.28,  # Ceres
     2_575_000.0: 1.35,  # Titan
 }
+"""m/s² by the semi-major axis of a body."""
 _SAMPLES = Path(__file__).parent / "samples"
 _OF_SAMPLES = {"earth": 9.80665, "moon": 1.62, "mars": 3.71}
 """m/s², by how the names of samples begin: they lie in no coordinate system."""
-"""m/s² by the semi-major axis of a body."""
 _SAME_BODY = 0.007
 """Share by which radii of a body differ: Mars has 3,376.2 km at its poles."""
 _MEASURED_M = 100.0
 """Longest way by which a cell is measured: on larger cells geodesics leave the parallels."""
-_WARNED_SCALE = 0.05
 _WARNED_LENGTH = 0.03
-"""Shares by which a projection's metre at the map's middle, and any length on the map, is off when
-a user is warned.
-"""
+"""Share by which a length on the map may be off before a user is warned."""
 
 
 def lonlat_on_map(place: Place, points: Points) -> Points:
@@ -78,7 +74,7 @@ def lonlat_of(place: Place, points: Points) -> Points:
     if not on_earth(place):
         own = _system_of(place.georeference, place.source)
         raise InvalidQueryError(
-            f"{place.source}: longitude and latitude on the Earth are wanted, got {own.name}"
+            f"{place.source}: longitude and latitude on the Earth are wanted, got {_name_of(own)}"
         )
     return lonlat_at(place, points)
 
@@ -91,7 +87,8 @@ def on_map(place: Place, points: Points, crs: str, source: str) -> tuple[Points,
     theirs = _pyproj().CRS.from_user_input(crs)
     if own.equals(theirs, ignore_axis_order=True):
         return points, ""
-    return _moved(points, theirs, own), f"{source}: reprojected from {theirs.name} to {own.name}"
+    moved = _moved(points, theirs, own)
+    return moved, f"{source}: reprojected from {_name_of(theirs)} to {_name_of(own)}"
 
 
 def on_earth(place: Place) -> bool:
@@ -127,8 +124,7 @@ def cell_on_ground(
     map (H, W).
 
     Without a coordinate system, or with a local one, they are the transform's, in metres or in the
-    system's unit. To `warn` is a UserWarning where a projection's metre at the middle, or any
-    length or slope, is off by too much.
+    system's unit. To `warn` is a UserWarning where a length or slope is off by too much.
 
     Raises TerrainError for a transform that cannot be turned back and for latitudes beyond the
     poles, InvalidQueryError for a system that PROJ does not know, MissingExtraError where pyproj is
@@ -155,16 +151,17 @@ def cell_on_ground(
     with np.errstate(all="ignore"):
         lengths = _lengths(system, place, shape, min(1.0, _MEASURED_M / drawn.max()))
     middle = lengths[:2, 4]
-    said = f"{source}: {system.name}"
+    said = f"{source}: {_name_of(system)}"
     if np.isfinite(middle).all():
-        problems = list(_distortions(said, drawn, lengths, system.is_projected))
+        problems = _distortions(said, lengths)
     elif system.is_geographic:
         row, col = (0.5 * (side - 1) for side in shape)
         latitude = math.degrees(unit) * place.map_coordinates(row, col)[1]
         raise TerrainError(f"{source}: wanted latitudes within the poles, got {latitude:g}°")
     else:
         problems = [
-            f"{said} has no place for the map's middle: its metres are taken for the ground's"
+            f"{said} does not reach the map's middle: cells are taken to be {drawn[0]:.4g} × "
+            f"{drawn[1]:.4g} m"
         ]
         middle = drawn
     for words in problems if warn else ():
@@ -174,27 +171,19 @@ def cell_on_ground(
     return size, width
 
 
-def _distortions(said: str, drawn: Points, lengths: Points, projected: bool) -> Iterator[str]:
-    """Warnings of a projection's metre that is off at the map's middle, and of lengths and slopes
-    that are off anywhere.
-    """
+def _distortions(said: str, lengths: Points) -> list[str]:
+    """A warning of lengths and slopes that are off anywhere on the map."""
     down, right, falling, rising = lengths
     with np.errstate(all="ignore"):
-        tall, wide = drawn / lengths[:2, 4]
         skew = (falling**2 - rising**2) / (4.0 * down * right)  # cos(row, column)
         unlike = lengths[:2] / lengths[:2, 4:5] - 1.0
         off = np.fmax.reduce(np.abs((*unlike, skew)), axis=None)
-    if projected and max(abs(tall - 1.0), abs(wide - 1.0)) > _WARNED_SCALE:
-        size, width = lengths[:2, 4]
-        yield (
-            f"{said} draws a metre of ground at the map's middle as {tall:.3f} m along columns and "
-            f"{wide:.3f} m along rows: cells are {size:.4g} × {width:.4g} m of ground"
-        )
-    if off > _WARNED_LENGTH:
-        yield (
-            f"{said}: some lengths and slopes are up to {100.0 * off:.0f} % off, as the map's "
-            "cells are skewed or unlike those at its middle: cut out a smaller part or reproject it"
-        )
+    if off <= _WARNED_LENGTH:
+        return []
+    return [
+        f"{said}: some lengths and slopes are up to {100.0 * off:.0f} % off, as the map's cells "
+        "are skewed or unlike those at its middle: cut out a smaller part or reproject it"
+    ]
 
 
 def _lengths(system: "CRS", place: Georeference, shape: tuple[int, ...], share: float) -> Points:
@@ -244,6 +233,11 @@ def _system_of(place: Georeference | None, source: Path) -> "CRS":
     return found
 
 
+def _name_of(system: "CRS") -> str:
+    """A coordinate system's name, for messages."""
+    return "a system without a name" if system.name == "unknown" else system.name
+
+
 def _lonlat_system(own: "CRS") -> "CRS":
     """In which a map's longitudes and latitudes are given: WGS 84 on the Earth, elsewhere the
     system's own globe.
@@ -265,14 +259,14 @@ def _moved(points: Points, begin: "CRS", end: "CRS") -> Points:
         transformer = _transformer(begin.to_wkt(), end.to_wkt())
     except _pyproj().exceptions.ProjError:
         raise InvalidQueryError(
-            f"there is no way from {begin.name} to {end.name}: they are of two bodies"
+            f"there is no way from {_name_of(begin)} to {_name_of(end)}: they are of two bodies"
         ) from None
     found = np.column_stack(transformer.transform(*points.T))
     for x, y in points[~np.isfinite(found).all(1)]:
         place = f"({x:g}, {y:g})"
         if begin.is_geographic:
             place = f"longitude {x:g}, latitude {y:g}"
-        raise InvalidQueryError(f"{place} of {begin.name} has no place in {end.name}")
+        raise InvalidQueryError(f"{place} of {_name_of(begin)} has no place in {_name_of(end)}")
     return found
 
 

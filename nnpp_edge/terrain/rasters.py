@@ -22,7 +22,7 @@ import numpy.typing as npt
 from nnpp_edge.runtime.arrays import Float2D, unmasked
 from nnpp_edge.runtime.bands import in_bands
 from nnpp_edge.runtime.cells import Cell, Rectangle, Shape
-from nnpp_edge.runtime.errors import OutputError, TerrainError, optional_module
+from nnpp_edge.runtime.errors import OutputError, TerrainError, optional_module, shown
 from nnpp_edge.runtime.reading import refused_as
 from nnpp_edge.runtime.tuning import THREADS_FROM
 from nnpp_edge.terrain.array_files import Reading, check_room, metres
@@ -33,10 +33,18 @@ if TYPE_CHECKING:
     from rasterio.io import DatasetReader
 
 _METRES_PER_UNIT = {
-    **dict.fromkeys(("ft", "foot", "feet"), 0.3048),
-    **dict.fromkeys(("us survey foot", "us_survey_foot", "us-ft", "ftus"), 1200 / 3937),
-    **dict.fromkeys(("km", "kilometer", "kilometre", "kilometers", "kilometres"), 1000.0),
+    name: metres
+    for names, metres in (
+        ("m, meter, metre, meters, metres, ", 1.0),  # the last one: no unit is named
+        ("ft, foot, feet, international foot, international feet", 0.3048),
+        ("us survey foot, us survey feet, us foot, foot us, us ft, ftus", 1200 / 3937),
+        ("cm, centimeter, centimetre, centimeters, centimetres", 0.01),
+        ("km, kilometer, kilometre, kilometers, kilometres", 1000.0),
+    )
+    for name in names.split(", ")
 }
+"""Of heights, by the unit's name in lower case, with spaces."""
+READ_IN_METRES = "heights are read as metres; for feet: rio edit-info FILE --bidx 1 --units ft"
 _ASCII_HEADER = re.compile(
     r"\A(?:\s*(?!nan|inf)[a-z]\w+[ \t]+\S+[ \t]*$)+",
     re.IGNORECASE | re.MULTILINE,
@@ -68,8 +76,13 @@ class Raster:
             raise TerrainError(f"{path}: wanted a band of real numbers, got {dataset.dtypes[0]}")
         image = _pds_image(dataset)
         # GDAL passes over the unit in a PDS3 label
-        name = dataset.units[0] or image.get("UNIT", "")
-        unit = _METRES_PER_UNIT.get(str(name).lower(), 1.0)
+        self._unit = str(dataset.units[0] or image.get("UNIT", ""))
+        unit = _METRES_PER_UNIT.get(re.sub("[_-]", " ", self._unit.lower()))
+        if unit is None:
+            raise TerrainError(
+                f"{path}: wanted heights in m, cm, km, ft or ftUS, got the unit "
+                f"{shown(self._unit)}; rio edit-info FILE --bidx 1 --units m names another"
+            )
         offset = dataset.offsets[0] * unit
         self._scale = dataset.scales[0] * unit
         self._offset = 0.0 if abs(offset) > _HIGHEST_OFFSET_M else offset
@@ -95,8 +108,13 @@ class Raster:
         if self.dataset.transform.is_identity:  # how rasterio says that
             return None
         a, b, c, d, e, f = self.dataset.transform[:6]
-        crs = self.dataset.crs.to_wkt() if self.dataset.crs else None
-        return Georeference(crs, (a, b, c, d, e, f))
+        crs = self.dataset.crs
+        if crs and crs.is_projected and crs.linear_units_factor[1] != 1.0 and not self._unit:
+            warnings.warn(
+                f"{self.path}: coordinates are in {crs.linear_units}, but {READ_IN_METRES}",
+                stacklevel=2,
+            )
+        return Georeference(crs.to_wkt() if crs else None, (a, b, c, d, e, f))
 
     def check_whole(self) -> None:
         """TerrainError for a file cut short where GDAL would fill in zeros and say nothing."""

@@ -42,8 +42,6 @@ def test_arrays_need_no_rasterio(run, hills, monkeypatch):
     with np.load("cost.npz") as archive:
         np.testing.assert_array_equal(archive["cost"], wanted)
         assert (archive["cell_size_m"], archive["cell_width_m"]) == (2.0, 3.0)
-    for words in ("costmap wide.npz -o cost.tif", "costmap hills.tif -o cost.npy"):
-        run(words).refused("nnpp-edge[geo]")
 
 
 def test_a_saturated_term_is_a_warning_and_leaves_stdout_to_the_result(run):

@@ -6,6 +6,7 @@ import sys
 import threading
 
 from nnpp_edge.runtime.compiled import notice
+from nnpp_edge.runtime.errors import INSTALL
 
 INTERRUPTED = """
 import os, signal, sys, weakref
@@ -45,7 +46,7 @@ def test_a_missing_extra_is_named_and_why_a_package_that_is_there_fails(run, tmp
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "torch", None)
     (tmp_path / "checkpoint.pt").write_bytes(b"any")
-    run("export checkpoint.pt -o model.onnx").refused("nnpp-edge[train]")
+    run("export checkpoint.pt -o model.onnx").refused(INSTALL.format("train"))
 
     def broken(_):
         raise ImportError("libcudart.so.12:\ncannot open", name="torch._C")

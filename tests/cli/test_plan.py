@@ -176,7 +176,7 @@ def test_a_limit_of_the_workload_holds_for_a_body_too(run, told):
 def test_without_a_georeference_coordinates_are_metres_from_the_first_cell(run, told, hills):
     np.savez("dem.npz", elevation_m=rolling(), cell_size_m=2.0, cell_width_m=3.0)
     ended = run(f"plan dem.npz {ENDS} --method astar -o out --json")
-    assert ended.err.startswith("warning: cells are 2 m from north to south and 3 m")
+    assert "cells of 2 m (north) × 3 m (east): slopes" in ended.err
     feature = written("out/path.geojson")
     line = feature["geometry"]["coordinates"]
     assert (line[0], line[-1], feature["properties"]["crs"]) == ([15.0, 10.0], [240.0, 140.0], None)

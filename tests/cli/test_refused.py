@@ -300,7 +300,9 @@ def test_ends_where_none_can_be_have_a_status_for_programs(run, place):
             ended = run(f"plan hills.tif --start {start} --goal {goal} --json {more}")
             assert ended.json["status"] == status and told in ended.err
     words = "plan nothing.tif --start 1,1 --goal 20,20 --workload limit20"
-    run(words).refused("80 × 90 cells of 2 m, all impassable")
+    run(words).refused(
+        "80 × 90 cells of 2 m, all impassable; heights are read as metres; for feet:"
+    )
     assert run(words, "--json").json == {"status": "INVALID_MAP"}
 
 

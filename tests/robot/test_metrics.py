@@ -1,7 +1,6 @@
 """The counters as Prometheus reads them."""
 
 import socket
-import sys
 import urllib.parse
 import urllib.request
 from dataclasses import fields, replace
@@ -11,7 +10,7 @@ from prometheus_client import generate_latest
 from prometheus_client.parser import text_string_to_metric_families
 
 from nnpp_edge.robot.operations.metrics import metrics_registry, serving_metrics
-from nnpp_edge.runtime.errors import InvalidQueryError, MissingExtraError
+from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.messages import Counters
 
 COUNTERS = Counters(
@@ -89,12 +88,6 @@ def test_the_newest_counters_are_served():
         idle.close()
     with pytest.raises(OSError):
         get(address)
-
-
-def test_without_the_library_the_error_names_the_extra(monkeypatch):
-    monkeypatch.setitem(sys.modules, "prometheus_client", None)
-    with pytest.raises(MissingExtraError, match=r"nnpp-edge\[robot\]"):
-        metrics_registry(lambda: COUNTERS)
 
 
 @pytest.mark.parametrize("taken", [True, False])

@@ -1,6 +1,5 @@
 """What rerun's own reader finds in a recording, and where nothing can be shown."""
 
-import sys
 from contextlib import closing
 
 import numpy as np
@@ -21,7 +20,7 @@ from nnpp_edge.runtime import (
     StatusMessage,
     Vehicle,
 )
-from nnpp_edge.runtime.errors import InvalidQueryError, MissingExtraError, OutputError
+from nnpp_edge.runtime.errors import InvalidQueryError, OutputError
 from nnpp_edge.runtime.map.state import map_state
 from nnpp_edge.viz.picture import cost_picture
 
@@ -106,9 +105,3 @@ def test_the_outline_of_a_body_lies_along_its_path(tmp_path):
 def test_where_nothing_can_be_shown_one_line_says_so(state, where, error, words):
     with pytest.raises(error, match=words):
         RerunSink(where, state)
-
-
-def test_without_rerun_the_error_names_the_extra(monkeypatch, state):
-    monkeypatch.setitem(sys.modules, "rerun", None)
-    with pytest.raises(MissingExtraError, match=r"nnpp-edge\[rerun\]"):
-        RerunSink("loop.rrd", state)

@@ -125,7 +125,7 @@ def test_workers_and_a_missing_package_are_refused(nnpp_edge, tmp_path, monkeypa
     address = "tcp://127.0.0.1:1"
     at_scheduler(nnpp_edge, tmp_path, address, "--workers", 2).refused("--workers")
     monkeypatch.setitem(sys.modules, "distributed", None)
-    at_scheduler(nnpp_edge, tmp_path, address).refused("nnpp-edge[cluster]")
+    at_scheduler(nnpp_edge, tmp_path, address).refused("distributed: pip install")
 
 
 def test_a_cluster_without_workers_and_a_worker_of_another_version_are_refused(monkeypatch):

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from rasterio import Affine
 
 from nnpp_edge.runtime.errors import (
+    INSTALL,
     InvalidQueryError,
     MissingExtraError,
     OutputError,
@@ -109,8 +110,15 @@ def test_feet_become_metres(tmp_path):
     site = rasterio.CRS.from_wkt('LOCAL_CS["site",UNIT["foot",0.3048]]')
     path = geotiff(tmp_path / "site.tif", crs=site)
     assert read_dem(path).cell_size_m == pytest.approx(5 * 0.3048)
-    path = geotiff(tmp_path / "heights.tif", crs=UTM, units=["ft"])
-    np.testing.assert_allclose(read_dem(path).elevation, HEIGHTS * 0.3048, rtol=1e-6)
+    path = tmp_path / "heights.tif"
+    for unit in ("ft", "Feet", "international foot", "foot_us", "US survey feet"):
+        geotiff(path, crs=UTM, units=[unit])
+        np.testing.assert_allclose(read_dem(path).elevation, HEIGHTS * 0.3048, rtol=1e-5)
+    geotiff(path, crs=UTM, units=["furlong"])
+    refused(path, "wanted heights in m, cm, km, ft or ftUS, got the unit 'furlong'")
+    geotiff(path, crs="EPSG:2264")  # in feet
+    with pytest.warns(UserWarning, match="in US survey foot, but heights are read as metres"):
+        read_dem(path)
 
 
 def test_nodata_masks_infinities_and_fill_values_become_nan(tmp_path):
@@ -371,7 +379,7 @@ def test_without_rasterio_the_extra_is_named_and_arrays_still_read(tmp_path, mon
     path = geotiff(tmp_path / "hills.tif", crs=UTM)
     np.save(tmp_path / "map.npy", HEIGHTS)
     monkeypatch.setitem(sys.modules, "rasterio", None)
-    wanted = re.escape("reading hills.tif needs rasterio: pip install 'nnpp-edge[geo]'")
+    wanted = re.escape(f"reading hills.tif needs rasterio: {INSTALL.format('geo')}")
     with pytest.raises(MissingExtraError, match=wanted):
         read_dem(path)
     dem = read_dem(tmp_path / "map.npy", cell_size_m=1)

@@ -2,7 +2,6 @@
 
 import json
 import struct
-import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -11,7 +10,7 @@ import pyogrio
 import pytest
 from pyproj import CRS, Transformer
 
-from nnpp_edge.runtime.errors import InvalidQueryError, MissingExtraError
+from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.along import Along
 from nnpp_edge.terrain.coordinates import lonlat_of, lonlat_on_map
 from nnpp_edge.terrain.dem import Dem
@@ -167,25 +166,6 @@ def test_places_and_layers_of_another_world_or_of_none_are_refused(tmp_path):
         lonlat_on_map(dem(), np.array([(10.0, 95.0)]))
     path = write_points(tmp_path / "a.gpkg", [(1.0, 2.0)], MOON)
     with pytest.raises(InvalidQueryError, match="two bodies"):
-        points_of(path, dem())
-
-
-@pytest.mark.parametrize(
-    ("module", "words"),
-    [
-        ("pyproj", r"needs pyproj.*nnpp-edge\[geo\]"),
-        ("pyogrio", r"reading a.gpkg needs pyogrio.*nnpp-edge\[vector\]"),
-    ],
-)
-def test_where_a_package_is_missing_it_is_said_which_extra_brings_it(
-    tmp_path,
-    monkeypatch,
-    module,
-    words,
-):
-    path = write(tmp_path / "a.gpkg", [(1.0, 2.0)], "EPSG:4326")
-    monkeypatch.setitem(sys.modules, module, None)
-    with pytest.raises(MissingExtraError, match=words):
         points_of(path, dem())
 
 
