@@ -32,7 +32,7 @@ may take.
 _QUESTIONS = {
     "{:g} FPS": ("fps", "map_fps", "inference_fps"),
     "{:g}×": ("speedup_total", "speedup_plain"),
-    "int8": ("int8_speedup", "int8_speedup_after_plan"),
+    "int8 {:g}×": ("int8_speedup",),
 }
 """Quantities that answer a question, which names their limit."""
 _BEYOND_DOUBT = 1.25
