@@ -33,7 +33,7 @@ from nnpp_edge.training.checkpoint import (
     load_checkpoint,
 )
 from nnpp_edge.training.unseen import KnownValidator
-from nnpp_edge.training.validation import SCORED, Validator
+from nnpp_edge.training.validation import Validator
 
 __all__ = ["Progress", "TrainSettings", "train"]
 _TRIM_THRESHOLD = -1
@@ -276,6 +276,8 @@ class Run:
         self.in_bfloat16 = settings.precision == "bfloat16" or (
             settings.precision == "auto" and on_gpu
         )
+        self._scored = f"@{spec.region_factor:g}"
+        """Ends the names of the figures that the best weights are chosen by."""
         self.most = sys.maxsize
         """Steps at most, as far as that is known."""
         self.progress = Progress()
@@ -313,8 +315,11 @@ class Run:
             raise ModelError(f"{path}: wanted a checkpoint of {self.spec}, got one of {saved.spec}")
         self.network.load_state_dict(saved.network)
         self.progress = saved.progress
-        # older versions knew no score
-        self.progress.history = [row for row in saved.progress.history if "score" in row]
+        # older versions had no score, or one at another factor
+        scored = f"score{self._scored}", "rmse_price"
+        self.progress.history = [
+            row for row in saved.progress.history if not row.keys().isdisjoint(scored)
+        ]
         self.origin = saved.origin | self.origin
         if saved.optimiser:
             self.optimiser.load_state_dict(saved.optimiser)
@@ -462,7 +467,7 @@ class Run:
             figures = asdict(judged)
             at = f"@{figures.pop('factor'):g}" if "factor" in figures else ""
             row |= {f"{name}{at}": value for name, value in figures.items()}
-            if at in ("", f"@{SCORED:g}"):
+            if at in ("", self._scored):
                 row["score"] = judged.score
         return row
 
