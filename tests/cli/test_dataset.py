@@ -100,9 +100,9 @@ def test_from_ones_own_terrain_to_a_plan(run, told, dem):
     ):
         assert run(words).code == 0
     assert Path("run/curves.png").stat().st_size > 10_000
-    words = "quantize fp32.onnx --dataset train -o int8.onnx --samples 4"
+    words = "quantize fp32.onnx --dataset train --validation val -o int8.onnx --samples 4"
     run(f"{words} --exclude none-of-them").refused("none-of-them")
-    assert run(f"{words} --validation val").code == 0
+    assert run(words).code == 0
     found = read_model_file(Path("int8.onnx")).metadata
     limit = found.cost_limits["hard_slope_deg"]
     assert (found.name, found.precision, found.omega, limit) == ("own", "int8", 0.02, 25.0)

@@ -1,11 +1,14 @@
 """`nnpp-edge learn`: one's own ground in one line, stopped and gone on with."""
 
 import json
+import shlex
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from nnpp_edge.cli.learn import Steps
+from nnpp_edge.files import alone_in
 from nnpp_edge.profiling.worth import KEEP, LEAVE, OPEN
 from nnpp_edge.runtime.errors import OutputError
 
@@ -16,6 +19,7 @@ VERDICTS = (KEEP, OPEN, LEAVE)
 def dem(trained_on, monkeypatch):
     """dem.npz, a map of 80 × 160 cells; few queries judge the training."""
     monkeypatch.setattr("nnpp_edge.cli.learn.VALIDATED_ON", 12)
+    monkeypatch.setattr("nnpp_edge.cli.learn._AT_A_TIME", 2)
     return trained_on(80)
 
 
@@ -56,6 +60,37 @@ def test_a_map_without_room_for_a_stripe_is_refused_and_leaves_nothing(run, dem)
     assert not Path("me").exists()
 
 
+@pytest.mark.parametrize("take", ["int8", "fp32"])
+def test_the_steps_are_those_of_the_documents_and_what_is_recommended_is_compared(
+    run, monkeypatch, take
+):
+    made = []
+
+    def printed(words):
+        made.append(words)
+        if words[0] == "train":
+            Path("own/run").mkdir(parents=True)
+            Path("own/run/best.pt").touch()
+        return f"recommended: {take}. It pays."
+
+    monkeypatch.setattr("nnpp_edge.cli.learn._printed", printed)
+    monkeypatch.setattr("nnpp_edge.cli.learn._compared", lambda network, *_: f"by {network}")
+    np.savez("dem.npz", elevation_m=np.zeros((512, 128), np.float32), cell_size_m=1.0)
+    ended = run("learn dem.npz -o own")
+    assert ended.code == 0, ended.err
+    assert ended.out.splitlines()[-1] == f"by own/{take}.onnx"
+    page = (Path(__file__).parents[2] / "docs/models.md").read_text()
+    by_hand = page.partition("The same by single steps")[2].split("```")[1].replace(".tif", ".npz")
+    assert [f"nnpp-edge {shlex.join(words)}" for words in made] == by_hand.strip().splitlines()
+
+
+def test_a_folder_in_which_another_is_at_work_is_left_alone(run, dem):
+    Path("me").mkdir()
+    with alone_in(Path("me")):
+        run("learn dem.npz -o me --validation-share 0.4").refused("another process is at work there")
+    assert not any(Path("me").iterdir())
+
+
 @pytest.mark.slow
 def test_one_line_leads_from_a_map_to_a_verdict_and_goes_on_where_it_was_stopped(
     run, dem, monkeypatch
@@ -75,7 +110,7 @@ def test_one_line_leads_from_a_map_to_a_verdict_and_goes_on_where_it_was_stopped
     ]
     assert "--held-out" in lines[1] and "--workload limit30" in lines[0]
     assert "verdict: " in ended.out.splitlines()[-1]
-    for other in ("corridor", "edge"):
+    for other in ("corridor", "edge", "nnpp-untrained"):
         assert f"own beside {other}: mean gaps differ by" in ended.out
     stamps = {path: path.stat().st_mtime_ns for path in Path("me").rglob("*.onnx")}
     assert len(stamps) == 2
@@ -84,7 +119,9 @@ def test_one_line_leads_from_a_map_to_a_verdict_and_goes_on_where_it_was_stopped
     assert {path: path.stat().st_mtime_ns for path in stamps} == stamps, "made again"
     told = more.json
     assert told["verdict"].startswith(VERDICTS)
-    assert {each["other"] for each in told["beside"]} == {"corridor", "edge"}
-    assert list(told["rows"]) == ["astar", "corridor", "own", "edge"]
+    others = ["corridor", "edge", "corridor-narrow", "nnpp-untrained"]
+    assert [each["other"] for each in told["beside"]] == others
+    assert sorted(told["rows"]) == sorted([*others, "astar", "own"])
+    assert told["rows"]["own"]["n"] == 5
     assert "queries on a map of 80 × 64 cells" in ended.out
     assert json.loads(Path("me/learn.json").read_text())[0][0] in more.err

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from nnpp_edge.model.registry import ARCHITECTURES, architecture_name
 from nnpp_edge.runtime.network.model_file import ModelMetadata, read_model_file
 
 MODELS = Path(__file__).parents[2] / "nnpp_edge" / "models"
@@ -85,10 +86,8 @@ def test_a_card_and_the_commands_that_are_told_agree_with_the_files_metadata(nam
     recipe = training["dataset"]
     assert (int(dataset["--maps"]), int(dataset["--seed"])) == (recipe["maps"], recipe["seed"])
     assert (export["--dataset"], quantize["--dataset"]) == (folder, folder)
-    assert (float(export.get("--region-factor", 0.5)), export["--name"]) == (
-        m.region_factor,
-        m.name,
-    )
+    factor = ARCHITECTURES[architecture_name(m.architecture)].region_factor
+    assert (factor, export["--name"]) == (m.region_factor, m.name)
     assert int(quantize.get("--samples", 200)) == samples
     card = dict(
         re.findall(

@@ -104,3 +104,17 @@ def test_int8_answers_as_the_network_did_before(answers):
         )
         > 0.99
     )
+
+
+def test_a_network_describes_the_map_that_it_was_shown_last():
+    rng = np.random.default_rng(2)
+    ends = (5.0, 6.0), (50.0, 40.0)
+    shown_both = NetworkModel("edge")
+    found = []
+    for planes in rng.random((2, 2, 64, 64), np.float32):
+        shown_one = NetworkModel("edge")
+        for network in (shown_one, shown_both):
+            network.set_map(planes)
+        found.append(shown_both.answer(*ends).copy())
+        np.testing.assert_array_equal(found[-1], shown_one.answer(*ends))
+    assert np.abs(found[1] - found[0]).max() > 0.01

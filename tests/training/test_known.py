@@ -60,7 +60,7 @@ def test_a_network_from_data_set_to_int8(folder, tmp_path):
     int8 = tmp_path / "int8.onnx"
     export_network(network, fp32, name="small")
     assert parity(network, fp32).passed
-    report = quantize(fp32, folder, int8, samples=6)
+    report = quantize(fp32, folder, int8, validation=folder, samples=6)
     assert report.quantised == 10
     assert report.compared.mean_difference < 0.02
     dem = 20.0 * np.random.default_rng(1).random((50, 40), np.float32)

@@ -12,14 +12,7 @@ import onnxruntime
 import pytest
 import torch
 
-from nnpp_edge.calibrate.quantize import (
-    answers,
-    compare,
-    quantised_graph,
-    quantize,
-    shown,
-    split,
-)
+from nnpp_edge.calibrate.quantize import answers, compare, quantised_graph, quantize
 from nnpp_edge.export.to_onnx import export_network
 from nnpp_edge.model.network import Network
 from nnpp_edge.model.registry import Spec
@@ -50,7 +43,7 @@ def convolutions():
 def made(fp32, dataset, tmp_path_factory):
     """The report of an int8 model."""
     output = tmp_path_factory.mktemp("int8") / "small-int8.onnx"
-    return quantize(fp32, dataset, output, samples=24)
+    return quantize(fp32, dataset, output, validation=dataset, samples=24)
 
 
 @pytest.fixture(scope="module")
@@ -77,35 +70,26 @@ def test_int8_is_smaller_and_close(made, fp32, samples):
 
 def test_the_report_holds_what_it_promises(made, fp32, convolutions):
     compared = made.compared
-    before = compared.fp32_ms
     assert (made.samples, made.excluded, made.quantised) == (24, (), convolutions)
-    assert len(made.held_out_maps) == RECIPE.maps // 4
     assert made.fp32_bytes == fp32.stat().st_size
     assert compared.mean_difference <= compared.max_difference < 0.3
-    assert 0.0 < before.warm < 2.0 * before.after_plan
-    assert compared.speed_up.warm == before.warm / compared.int8_ms.warm
+    assert compared.speed_up == compared.fp32_ms / compared.int8_ms > 0.0
     assert compared.fp32.factor == compared.int8.factor == 0.5
     assert made.recommendation == compared.recommendation()
     assert json.loads(made.to_json())["compared"]["queries"] == compared.queries
 
 
-def test_a_network_in_two_parts_is_timed_as_a_whole_also_right_after_itself(fp32, samples):
-    model = NetworkModel(fp32)
-    run = shown(model, samples, 0)
-    first = run().copy()
-    model.inputs["map"][:] = 0.5  # only the encoder sees it
-    assert np.abs(run() - first).max() > 1e-4
-
-
 def test_the_error_behind_each_layer_is_told(made, fp32, samples, convolutions, tmp_path):
-    assert [layer.quantised for layer in made.layers] == [True] * convolutions + [False]
-    assert (made.layers[0].name, made.layers[-1].name) == (FIRST, "encoder.describe/Conv")
-    assert all(1e-4 < layer.error < 0.5 for layer in made.layers)
-    names = [layer.name for layer in made.layers[:-1]]
+    errors = [layer.error for layer in made.layers]
+    assert errors == sorted(errors, reverse=True) and 1e-4 < errors[-1] <= errors[0] < 0.5
+    names = [layer.name for layer in made.layers if layer.quantised]
+    assert len(names) == convolutions == len(errors) - 1
     _, layers = quantised_graph(NetworkModel(fp32), samples.pick(range(4)), tmp_path, names)
     assert not any(layer.quantised for layer in layers)
-    assert layers[0].error == layers[1].error == 0.0  # behind others sums are in int8 still
-    assert layers[-1].error < 0.5 * made.layers[-1].error
+    found = {layer.name: layer.error for layer in layers}
+    assert found[FIRST] == found[SECOND] == 0.0  # behind others sums are in int8 still
+    head = {layer.name: layer.error for layer in made.layers}["encoder.describe/Conv"]
+    assert found["encoder.describe/Conv"] < 0.5 * head
 
 
 def test_no_pairs_are_left_but_at_the_edges_of_the_graph(made, convolutions, tmp_path):
@@ -151,15 +135,6 @@ def test_the_papers_network_is_quantised_too(samples, tmp_path):
     wanted = answers(fp32, few)
     assert wanted.std() > 0.02
     assert np.abs(answers(NetworkModel(tmp_path / "int8.onnx"), few) - wanted).mean() < 0.05
-
-
-def test_queries_to_judge_on_lie_on_other_maps(samples):
-    ours, theirs = split(samples, 1)
-    assert not set(ours.map_index) & set(theirs.map_index)
-    assert len(ours) + len(theirs) == len(samples)
-    one = dataclasses.replace(samples, map_index=np.zeros_like(samples.map_index))
-    with pytest.raises(DataSetError, match="at least two maps, got 1"):
-        split(one, 1)
 
 
 def test_a_model_agrees_with_itself_and_is_judged_as_the_validator_does(fp32, samples):
@@ -210,7 +185,11 @@ def test_what_cannot_be_quantised_is_refused_and_nothing_written(
     words = {"model": "fp32.onnx", "dataset": "dataset", "output": "out.onnx", **wrong}
     exclude = words.pop("exclude", ())
     with pytest.raises(error, match=said):
-        quantize(**{name: tmp_path / path for name, path in words.items()}, exclude=exclude)
+        quantize(
+            **{name: tmp_path / path for name, path in words.items()},
+            validation=dataset,
+            exclude=exclude,
+        )
     assert {path.name for path in tmp_path.iterdir()} == set(files)
 
 
@@ -221,13 +200,14 @@ def test_the_command_prints_a_table_and_a_recommendation(
     words = ("quantize", fp32, "--dataset", dataset, "--validation", dataset, "-o", output)
     ended = nnpp_edge(*words, "--samples", 8, "--exclude", f"{FIRST},{SECOND}")
     assert ended.code == 0
-    left_float = f"left float: the head, {FIRST}, {SECOND}"
-    assert f"{convolutions - 2} convolutions in int8, {left_float}" in ended.out
-    assert f"calibrated on 8 queries of {dataset}, compared on" in ended.out
-    assert f"of {dataset}\n" in ended.out
-    assert ended.out.splitlines()[-1].startswith(("int8: ", "keep fp32: "))
+    left_float = f"float the head, {FIRST}, {SECOND}"
+    card = output.with_suffix(".md").read_text()
+    for words in (f"{output}: {convolutions - 2} convolutions", left_float, f"on 8 queries of {dataset}"):
+        assert words in " ".join(ended.out.split()) and words.replace("float ", "float: ") in card
+    assert ended.out.splitlines()[-1] == card.splitlines()[-1]
+    assert card.splitlines()[-1].startswith(("recommended: int8. ", "recommended: fp32. "))
     for name in (FIRST, SECOND, "encoder.describe/Conv"):
-        assert re.search(rf"{name} +float +[\d.]+ %", ended.out), name
+        assert re.search(rf"{name} \| float \| [\d.]+ %", card), name
     names = {tensor.name for tensor in onnx.load(output).graph.initializer}
     assert {"body.encoder.stem.0.weight", "body.encoder.widen.0.weight"} <= names
     assert nnpp_edge(*words, "--samples", 8, "--json").json["excluded"] == []
