@@ -13,6 +13,7 @@ import onnx
 import pytest
 
 from nnpp_edge.model.registry import Spec
+from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.model_file import ModelMetadata
 from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.terrain.dataset import Samples
@@ -78,8 +79,9 @@ SHAPES = {"of_first": (6, 3, 8, 8), "of_second": (6, 6, 3, 3), "of_head": (1, 6,
 
 @pytest.fixture
 def quantised(made, tmp_path, monkeypatch):
-    """Quantises a network of three convolutions, whose queries, judge and times are not measured;
-    what was judged, and the report.
+    """Quantises a network of three convolutions on eight queries, which are not searched, and
+    returns the report; with the fp32 `model`, its `queries`, and those `shown` to a network, and
+    the answers `judged`, the last time.
     """
     of = vars(made)["calibrate.quantize"]
     rng = np.random.default_rng(0)
@@ -92,43 +94,58 @@ def quantised(made, tmp_path, monkeypatch):
     planes = rng.integers(256, size=(8, 2, 64, 64), dtype=np.uint8)
     ends = rng.uniform(0.0, 63.0, (2, 8, 2)).astype(np.float32)
     queries = Samples(planes, np.arange(8, dtype=np.int32), *ends, planes, planes)
+    shown = []
     judged = []
+    answer = of.answer
 
     def judge(answers):
         judged.append(answers)
         return of.Judgement(0.5, 1.0, 0.01 * len(judged), 0.1, 0.1, 0.1)
 
-    monkeypatch.setattr(of, "_data", lambda *_: (queries, queries.pick(range(3)), judge))
-    monkeypatch.setattr(of, "read_recipe", lambda _: SimpleNamespace(seed=7))
-    monkeypatch.setattr(of, "fp32_and_int8_ms", lambda *models: (3.0, 1.0))
+    def shows(model, given, at):
+        shown.append(at)
+        return answer(model, given, at)
 
     def quantise(output=tmp_path / "int8.onnx", **asked):
+        shown.clear()
         judged.clear()
-        words = {"validation": tmp_path, **asked}
-        return judged, of.quantize(fp32, tmp_path, output, **words)
+        return of.quantize(fp32, tmp_path, output, validation=tmp_path, **asked)
 
+    for name, stand_in in {
+        "_data": lambda *_: (queries, queries.pick(range(3)), judge),
+        "read_recipe": lambda _: SimpleNamespace(seed=7),
+        "fp32_and_int8_ms": lambda *models: (3.0, 1.0),
+        "answer": shows,
+    }.items():
+        monkeypatch.setattr(of, name, stand_in)
+    vars(quantise).update(model=NetworkModel(fp32), queries=queries, shown=shown, judged=judged)
     return quantise
 
 
 def test_an_int8_model_is_close_says_how_it_was_made_and_has_a_card(quantised, tmp_path):
-    judged, report = quantised(card=lambda report: f"of {report.samples} queries")
-    assert [len(answers) for answers in judged] == [3, 3]
-    exact, rounded = judged
-    assert exact.std() > 0.02 and 1e-6 < np.abs(rounded - exact).max() < 0.02
+    report = quantised(card=lambda report: f"of {report.samples} queries")
+    assert quantised.shown == [*range(8), *range(4), *range(3), *range(3)]
+    exact, rounded = quantised.judged
+    for at, found in enumerate(exact):
+        planes, *ends = quantised.queries.query(at)
+        quantised.model.set_map(planes)
+        np.testing.assert_array_equal(quantised.model.answer(*ends), found)
+    differences = np.abs(rounded - exact)
+    assert exact.std() > 0.02 and 1e-6 < differences.max() < 0.02
     compared = report.compared
-    assert compared.max_difference == np.abs(rounded - exact).max()
+    assert compared.max_difference == differences.max()
     assert (compared.added_gap, compared.speed_up) == (pytest.approx(1.0), 3.0)
     assert report.recommendation.startswith("recommended: fp32. int8 pays in speed: ")
     assert (tmp_path / "int8.md").read_text() == "of 8 queries\n"
 
-    model = onnx.load(tmp_path / "int8.onnx")
+    model = onnx.load(report.output)
     stored = {each.name: onnx.numpy_helper.to_array(each) for each in model.graph.initializer}
-    for name, shape in SHAPES.items():
-        if name == "of_head":
-            np.testing.assert_array_equal(stored[name].shape, shape)
-            continue
+    assert stored["of_head"].shape == SHAPES["of_head"]
+    kinds = {value.dtype.name for name, value in stored.items() if "zero_point" in name}
+    assert kinds == {"uint8", "int8"}
+    for name in ("of_first", "of_second"):
         values = stored[f"{name}_quantized"].astype(int)
-        assert len(stored[f"{name}_scale"]) == shape[0] and 50 < np.abs(values).max() <= 64
+        assert len(stored[f"{name}_scale"]) == len(values) and 50 < np.abs(values).max() <= 64
     (facts,) = model.metadata_props
     found = ModelMetadata.from_json(facts.value, "int8.onnx")
     calibration = found.training["calibration"]
@@ -137,13 +154,13 @@ def test_an_int8_model_is_close_says_how_it_was_made_and_has_a_card(quantised, t
 
 
 def test_layers_come_by_their_errors_and_those_left_out_stay_float(quantised, tmp_path):
-    layers = {each.name: each for each in quantised()[1].layers}
+    layers = {each.name: each for each in quantised().layers}
     errors = [each.error for each in layers.values()]
     assert errors == sorted(errors, reverse=True) and len(errors) == 3
     in_int8 = {name: each.quantised for name, each in layers.items()}
     assert in_int8 == {"first": True, "second": True, "head": False}
     before = layers["first"].error
-    layers = {each.name: each for each in quantised(exclude=["first"])[1].layers}
+    layers = {each.name: each for each in quantised(exclude=["first"]).layers}
     assert layers["first"].error == 0.0 < before and not layers["first"].quantised
     assert not (tmp_path / "int8.md").exists()
 
@@ -194,7 +211,7 @@ def test_the_best_weights_are_those_of_the_least_score_where_planners_use_them(
     settings = of.TrainSettings(epochs=1, batch=1, validations=4)
     of.train(Spec("edge", 64), settings, samples, samples, tmp_path, omega=0.011)
     assert histories["best.pt"] == [1, 2, 4]
-    assert histories["last.pt"][-1] == len(scores)
+    assert histories["last.pt"] == [1, 2, 3, 4, 5, 5]
 
 
 def test_the_recommendation_weighs_speed_cost_and_agreement(made):
