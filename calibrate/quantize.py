@@ -176,7 +176,7 @@ def quantize(
     if output.resolve() == fp32.path.resolve():
         raise InvalidQueryError(f"{output}: wanted another file than the fp32 model")
     if most_gap is not None and fp32.metadata.encoding == "unseen":
-        raise InvalidQueryError("--most-gap is for networks that answer queries, this prices ground")
+        raise InvalidQueryError("--most-gap is for networks that answer queries")
     calibration, held_out, judge = _data(fp32, dataset, validation, samples, seed)
     facts = {
         "samples": len(calibration),

@@ -93,9 +93,9 @@ def export_network(
     """Write a network as ONNX, whole or not at all. The other arguments are its metadata, or a
     ModelError.
 
-    `region_factor` is the factor on the adaptive threshold that the runtime is to use, in (0, 1], by
-    default that of the architecture, which chose the best weights. `omega` and `limits` (by default
-    the paper's) are those of the cost maps that it was trained on.
+    `region_factor` is the factor on the adaptive threshold that the runtime is to use, in (0, 1]:
+    by default that of the architecture, which chose the best weights. `omega` and `limits` (by
+    default the paper's) are those of the cost maps that it was trained on.
     """
     spec = network.spec
     body = network.body

@@ -172,46 +172,61 @@ def test_layers_come_by_their_errors_and_those_left_out_stay_float(quantised, tm
     assert not (tmp_path / "other.onnx").exists()
 
 
-def test_the_best_weights_are_those_of_the_least_score_where_planners_use_them(
-    made, tmp_path, monkeypatch
-):
-    """Of `edge` at 0.2 of the threshold; at others, validations get better and better."""
+@pytest.fixture
+def train(made, tmp_path, monkeypatch):
+    """Trains by validations with these scores at 0.2 of the threshold, where planners use `edge`;
+    at the others they get better and better. Which validations each file was saved after, and the
+    progress at the end.
+    """
     of = vars(made)["training.train"]
-    scores = [0.9, 0.5, 0.7, 0.4, 0.6]
-    histories = {"best.pt": [], "last.pt": []}
-    left = iter(scores)
-
-    class Validator:
-        def __init__(self, *_):
-            pass
-
-        def judge(self, network):
-            score = next(left)
-            return [
-                of_judgement(factor, 1.0, 0.1, 0.1, 0.1, score if factor == 0.2 else 1.0 - score)
-                for factor in (1.0, 0.5, 0.2)
-            ]
-
-    of_judgement = vars(made)["calibrate.quantize"].Judgement
-    batches = MagicMock(**{"__len__.return_value": 4, "epoch.return_value": range(4)})
-    for name, stand_in in {
-        "Validator": Validator,
-        "Network": MagicMock(),
-        "Batches": lambda *_, **__: batches,
-        "keep_freed_memory": lambda: None,
-    }.items():
-        monkeypatch.setattr(of, name, stand_in)
+    judgement = vars(made)["calibrate.quantize"].Judgement
+    batches = MagicMock(**{"__len__.return_value": 99, "epoch.return_value": range(99)})
+    monkeypatch.setattr(of, "Network", MagicMock())
+    monkeypatch.setattr(of, "Batches", lambda *_, **__: batches)
+    monkeypatch.setattr(of, "keep_freed_memory", lambda: None)
     monkeypatch.setattr(of.Run, "_loss", MagicMock())
 
-    def save(self, path):
-        histories[path.name].append(len(self.progress.history))
+    def train(scores, **settings):
+        saved = {"best.pt": [], "last.pt": []}
+        at_end = []
+        left = iter(scores)
 
-    monkeypatch.setattr(of.Checkpoint, "save", save)
-    samples = Samples(*(np.empty(0) for _ in range(6)))
-    settings = of.TrainSettings(epochs=1, batch=1, validations=4)
-    of.train(Spec("edge", 64), settings, samples, samples, tmp_path, omega=0.011)
-    assert histories["best.pt"] == [1, 2, 4]
-    assert histories["last.pt"] == [1, 2, 3, 4, 5, 5]
+        def judge(network):
+            scored = next(left)
+            at_factor = {1.0: 0.5 - scored, 0.5: 0.4 - scored, 0.2: scored}
+            return [judgement(at, 1.0, 0.1, 0.1, 0.1, score) for at, score in at_factor.items()]
+
+        def save(checkpoint, path):
+            saved[path.name].append(len(checkpoint.progress.history))
+            at_end[:] = [checkpoint.progress]
+
+        monkeypatch.setattr(of, "Validator", lambda *_: SimpleNamespace(judge=judge))
+        monkeypatch.setattr(of.Checkpoint, "save", save)
+        steps = len(scores) - 1
+        asked = of.TrainSettings(batch=1, steps=steps, validations=steps, **settings)
+        samples = Samples(*(np.empty(0) for _ in range(6)))
+        of.train(Spec("edge", 64), asked, samples, samples, tmp_path, omega=0.011)
+        return saved, *at_end
+
+    return train
+
+
+def test_the_best_weights_are_those_of_the_least_score_where_planners_use_them(train):
+    saved, progress = train([0.9, 0.5, 0.7, 0.4, 0.6])
+    assert saved == {"best.pt": [1, 2, 4], "last.pt": [1, 2, 3, 4, 5, 5]}
+    assert (progress.best, progress.waited, progress.warning()) == (3, 1, "")
+
+
+def test_a_training_that_gets_worse_says_so_and_ends_early_where_that_is_asked_for(train):
+    worse = [0.5, 0.1, 0.2, 0.3, 0.4, 0.5]
+    _, progress = train(worse)
+    for row, loss in zip(progress.history[1:], (0.5, 0.4, 0.3, 0.2, 0.1), strict=True):
+        row["loss"] = loss
+    assert "got worse since step 1 of 5 (score 0.1000 → 0.5000)" in progress.warning()
+    progress.history[-1]["loss"] = 0.6
+    assert not progress.warning()
+    saved, progress = train(worse, patience=2)
+    assert (progress.step, progress.steps, saved["best.pt"]) == (3, 5, [1, 2])
 
 
 def test_the_recommendation_weighs_speed_cost_and_agreement(made):

@@ -26,9 +26,7 @@ def command(
     name: Annotated[
         str | None, "Of the model, in its metadata; by default the output's name."
     ] = None,
-    region_factor: Annotated[
-        float | None, options.Real(0.0, 1.0, min_open=True), _FACTOR
-    ] = None,
+    region_factor: Annotated[float | None, options.Real(0.0, 1.0, min_open=True), _FACTOR] = None,
     dataset: Annotated[Path | None, options.FOLDER, _DATASET] = None,
     as_json: options.AsJson = False,
 ) -> None:

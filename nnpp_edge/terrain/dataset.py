@@ -380,7 +380,7 @@ def _shards_here(
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(workers, context, start_worker, (recipe, tiles)) as pool:
         try:
-            # the processes begin with Ctrl-C held back, as it would end their imports in a traceback
+            # processes begin with Ctrl-C held back, as it would end their imports in a traceback
             held_back = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
             jobs = [pool.submit(_make_here, i) for i in indices]
             signal.pthread_sigmask(signal.SIG_SETMASK, held_back)

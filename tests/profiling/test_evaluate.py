@@ -93,6 +93,8 @@ def test_the_narrow_corridor_is_the_learned_regions_without_a_network():
     bands, untrained = controls()
     narrow = bands.planner(Ground(case.cost))
     other_control = untrained.planner(Ground(case.cost))
+    probability = untrained.model.answer((5.0, 6.0), (50.0, 40.0))
+    assert probability.min() > untrained.model.metadata.region_factor * probability.max()
     usual = Planner(case.cost)
     for start, goal in case.queries:
         plan = narrow.plan(start, goal, method="corridor", keep_regions=True)

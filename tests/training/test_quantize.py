@@ -1,7 +1,6 @@
 """The int8 model: its size, how close it stays, its report, and what is refused."""
 
 import dataclasses
-import json
 import re
 from collections import Counter
 
@@ -46,12 +45,6 @@ def made(fp32, dataset, tmp_path_factory):
     return quantize(fp32, dataset, output, validation=dataset, samples=24)
 
 
-@pytest.fixture(scope="module")
-def stored(made):
-    """The numbers in the int8 file, by name."""
-    return {t.name: onnx.numpy_helper.to_array(t) for t in onnx.load(made.output).graph.initializer}
-
-
 def operators_left(path, folder):
     """Kinds of nodes after onnxruntime's optimisation, and how many of each."""
     options = onnxruntime.SessionOptions()
@@ -68,56 +61,11 @@ def test_int8_is_smaller_and_close(made, fp32, samples):
     assert np.corrcoef(got.ravel(), wanted.ravel())[0, 1] > 0.99
 
 
-def test_the_report_holds_what_it_promises(made, fp32, convolutions):
-    compared = made.compared
-    assert (made.samples, made.excluded, made.quantised) == (24, (), convolutions)
-    assert made.fp32_bytes == fp32.stat().st_size
-    assert compared.mean_difference <= compared.max_difference < 0.3
-    assert compared.speed_up == compared.fp32_ms / compared.int8_ms > 0.0
-    assert compared.fp32.factor == compared.int8.factor == 0.5
-    assert made.recommendation == compared.recommendation()
-    assert json.loads(made.to_json())["compared"]["queries"] == compared.queries
-
-
-def test_the_error_behind_each_layer_is_told(made, fp32, samples, convolutions, tmp_path):
-    errors = [layer.error for layer in made.layers]
-    assert errors == sorted(errors, reverse=True) and 1e-4 < errors[-1] <= errors[0] < 0.5
-    names = [layer.name for layer in made.layers if layer.quantised]
-    assert len(names) == convolutions == len(errors) - 1
-    _, layers = quantised_graph(NetworkModel(fp32), samples.pick(range(4)), tmp_path, names)
-    assert not any(layer.quantised for layer in layers)
-    found = {layer.name: layer.error for layer in layers}
-    assert found[FIRST] == found[SECOND] == 0.0  # behind others sums are in int8 still
-    head = {layer.name: layer.error for layer in made.layers}["encoder.describe/Conv"]
-    assert found["encoder.describe/Conv"] < 0.5 * head
-
-
 def test_no_pairs_are_left_but_at_the_edges_of_the_graph(made, convolutions, tmp_path):
     """The map is quantised, and what the float head reads is brought back."""
     left = operators_left(made.output, tmp_path)
     assert left["QuantizeLinear"] + left["DequantizeLinear"] == 2
     assert left["QLinearConv"] == convolutions
-
-
-def test_the_file_tells_how_it_was_calibrated(made, fp32):
-    before = NetworkModel(fp32).metadata
-    after = NetworkModel(made.output).metadata
-    facts = after.training["calibration"]
-    assert (facts["samples"], facts["method"], facts["dataset_seed"]) == (24, "minmax", RECIPE.seed)
-    assert set(facts["versions"]) == {"nnpp_edge", "onnxruntime", "onnx"}
-    assert facts["agreement"]["mean_difference"] == made.compared.mean_difference
-    assert after == dataclasses.replace(before, precision="int8", training=after.training)
-
-
-def test_weights_have_seven_bits_a_scale_for_each_channel_and_the_head_stays_float(
-    stored, convolutions
-):
-    weights = [values for name, values in stored.items() if name.endswith("weight_quantized")]
-    assert len(weights) == convolutions
-    assert {values.dtype for values in weights} == {np.dtype(np.int8)}
-    assert max(np.abs(values.astype(int)).max() for values in weights) <= 64
-    assert stored["body.encoder.stem.0.weight_scale"].shape == (16,)
-    assert "body.encoder.describe.weight" in stored
 
 
 def test_the_papers_network_is_quantised_too(samples, tmp_path):
@@ -202,7 +150,11 @@ def test_the_command_prints_a_table_and_a_recommendation(
     assert ended.code == 0
     left_float = f"float the head, {FIRST}, {SECOND}"
     card = output.with_suffix(".md").read_text()
-    for words in (f"{output}: {convolutions - 2} convolutions", left_float, f"on 8 queries of {dataset}"):
+    for words in (
+        f"{output}: {convolutions - 2} convolutions",
+        left_float,
+        f"on 8 queries of {dataset}",
+    ):
         assert words in " ".join(ended.out.split()) and words.replace("float ", "float: ") in card
     assert ended.out.splitlines()[-1] == card.splitlines()[-1]
     assert card.splitlines()[-1].startswith(("recommended: int8. ", "recommended: fp32. "))
