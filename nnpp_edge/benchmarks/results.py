@@ -23,7 +23,7 @@ import click
 from nnpp_edge.files import write_all
 from nnpp_edge.profiling.inference import fp32_and_int8_ms
 from nnpp_edge.profiling.machine import environment
-from nnpp_edge.progress import markdown_table
+from nnpp_edge.progress import MISSING, markdown_table
 from nnpp_edge.runtime.network.inference import NetworkModel
 
 Results = dict[str, Any]
@@ -206,16 +206,14 @@ TABLES: dict[str, tuple[str, tuple[Lines, ...]]] = {
                 "{arcs[size]}², R = {arcs[radius_m]:g} m{arcs[kind]} | {arcs[solved]} of {arcs[n]} "
                 "| {arcs[exact_ms_median]:ms} | {arcs[first_ms_median]:ms} "
                 "({arcs[first_ms_p95]:ms}, {arcs[first_ms_p99]:ms}) | "
-                "{arcs[gap_mean]:pc} % ({arcs[gap_p95]:pc}) | {arcs[drives]}",
+                "{arcs[gap_mean]:pc} % ({arcs[gap_p95]:pc}) | "
+                "{arcs[driven_mean]:pc} % ({arcs[driven_p95]:pc}) | "
+                "{arcs[tick_ms_median]:ms} ({arcs[tick_ms_p99]:ms}, {arcs[tick_ms_max]:ms})",
             ),
         ),
     ),
 }
 """By the names that stand in the pages: heads of columns, joined, and lines."""
-_DRIVES = (
-    "{driven_mean:pc} % ({driven_p95:pc}) | "
-    "{tick_ms_median:ms} ({tick_ms_p99:ms}, {tick_ms_max:ms})"
-)
 
 
 def filled(page: str, found: Results) -> str:
@@ -248,9 +246,17 @@ def _stamp(found: Results) -> str:
 
 
 class _Formatter(string.Formatter):
-    """Python's formatting, and the forms ``ms`` and ``pc``."""
+    """Python's formatting, and the forms ``ms`` and ``pc``; a dash for what was not measured."""
+
+    def get_field(self, name: str, *given: Any) -> Any:
+        try:
+            return super().get_field(name, *given)
+        except KeyError:
+            return None, name
 
     def format_field(self, value: Any, form: str) -> str:
+        if value is None:
+            return MISSING
         if form == "ms":
             form = ".3g" if value < 1e3 else ",.0f"
         elif form == "pc":
@@ -270,8 +276,7 @@ def _groups(found: Results, suite: str) -> Iterable[Results]:
     for row in found[suite]:
         if suite == ARCS:
             kind = ", forwards alone" * row["forwards"] + ", heading at the goal" * row["fixed"]
-            drives = _FORMATTER.vformat(_DRIVES, (), row) if row["ticks"] else " | "
-            groups[len(groups)] = {"arcs": {**row, "kind": kind, "drives": drives}}
+            groups[len(groups)] = {"arcs": row | {"kind": kind}}
             continue
         group = groups.setdefault((row["workload"], row["size"]), {})
         method = row["method"]
@@ -313,22 +318,17 @@ def main(terrain: Path, only: str | None) -> None:
 
 def _measured(suite: str, terrain: Path, options: str) -> list[Results]:
     """Rows of a suite, measured in a process of its own."""
-    command = [_OURS, "evaluate", "--json", "--terrain"]
+    command = [_OURS, "profile" if suite == MISSION else "evaluate", "--json", "--terrain"]
     if suite == ARCS:
         command = [sys.executable, "-m", "nnpp_edge.benchmarks.arcs"]
-    elif suite == MISSION:
-        command = [_OURS, "profile", "--json", "--terrain"]
     # a missed budget is an exit code, and a row of the table all the same
     ended = subprocess.run([*command, str(terrain), *options.split()], stdout=-1, check=False)
     found = json.loads(ended.stdout)
-    if suite == ARCS:
-        return [found]
-    if suite != MISSION:
-        rows: list[Results] = found
-        return rows
-    speed_up = _papers_int8_speedup()
-    of_papers = {"paper": {"int8_speedup": speed_up}}
-    return [row | of_papers.get(row["planner"], {}) for row in found["results"]]
+    rows: list[Results] = found.get("results", [found]) if isinstance(found, dict) else found
+    if suite == MISSION:
+        of_papers = {"int8_speedup": _papers_int8_speedup()}
+        return [row | of_papers if row["planner"] == "paper" else row for row in rows]
+    return rows
 
 
 def _papers_int8_speedup() -> float:

@@ -264,10 +264,8 @@ class _Session:
         rivals = {rival.name: rival for rival in self._rivals}
         planners = {name: rival.planner(on_map.standing) for name, rival in rivals.items()}
         turns = on_map.ground.vehicle is not None
-        networks = {}
-        if not turns:
-            asking = [rival for rival in self._rivals if rival.method is Method.NNPP]
-            networks = {each.name: each.model for each in asking if each.model is not None}
+        asking = [] if turns else [each for each in self._rivals if each.method is Method.NNPP]
+        networks = {each.name: each.model for each in asking if each.model is not None}
         energy = self._meter.read()
         worked_s = 0.0
 

@@ -276,8 +276,6 @@ class Run:
         self.in_bfloat16 = settings.precision == "bfloat16" or (
             settings.precision == "auto" and on_gpu
         )
-        self._scored = f"@{spec.region_factor:g}"
-        """Ends the names of the figures that the best weights are chosen by."""
         self.most = sys.maxsize
         """Steps at most, as far as that is known."""
         self.progress = Progress()
@@ -315,11 +313,8 @@ class Run:
             raise ModelError(f"{path}: wanted a checkpoint of {self.spec}, got one of {saved.spec}")
         self.network.load_state_dict(saved.network)
         self.progress = saved.progress
-        # older versions had no score, or one at another factor
-        scored = f"score{self._scored}", "rmse_price"
-        self.progress.history = [
-            row for row in saved.progress.history if not row.keys().isdisjoint(scored)
-        ]
+        # older versions knew no score
+        self.progress.history = [row for row in saved.progress.history if "score" in row]
         self.origin = saved.origin | self.origin
         if saved.optimiser:
             self.optimiser.load_state_dict(saved.optimiser)
@@ -467,7 +462,7 @@ class Run:
             figures = asdict(judged)
             at = f"@{figures.pop('factor'):g}" if "factor" in figures else ""
             row |= {f"{name}{at}": value for name, value in figures.items()}
-            if at in ("", self._scored):
+            if at in ("", f"@{self.spec.region_factor:g}"):
                 row["score"] = judged.score
         return row
 

@@ -1,25 +1,26 @@
-"""The int8 model: its size, how close it stays, its report, and what is refused."""
+"""The int8 model of networks that were trained here: what is said of it, and what is refused."""
 
 import dataclasses
+import json
 import re
-from collections import Counter
 
 import msgspec
 import numpy as np
 import onnx
-import onnxruntime
 import pytest
 import torch
 
-from nnpp_edge.calibrate.quantize import answers, compare, quantised_graph, quantize
+from nnpp_edge.calibrate.quantize import Comparison, answers, quantised_graph, quantize
 from nnpp_edge.export.to_onnx import export_network
 from nnpp_edge.model.network import Network
 from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError, ModelError, OutputError
 from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.network.model_file import model_path
 from nnpp_edge.terrain.dataset import make_dataset, read_samples
 from nnpp_edge.training.checkpoint import load_checkpoint
 from nnpp_edge.training.validation import Validator
+from tests.test_made_models import operators_left
 from tests.training.conftest import RECIPE, SMALL, enlarged
 
 FIRST = "encoder.stem.1/Conv"
@@ -30,42 +31,6 @@ SECOND = "encoder.widen.1/Conv"
 def fp32(trained):
     """Path of a trained fp32 model."""
     return trained.onnx
-
-
-@pytest.fixture(scope="module")
-def convolutions():
-    """How many can be quantised: all but the last, which belongs to the head."""
-    return sum(isinstance(module, torch.nn.Conv2d) for module in Network(SMALL).modules()) - 1
-
-
-@pytest.fixture(scope="module")
-def made(fp32, dataset, tmp_path_factory):
-    """The report of an int8 model."""
-    output = tmp_path_factory.mktemp("int8") / "small-int8.onnx"
-    return quantize(fp32, dataset, output, validation=dataset, samples=24)
-
-
-def operators_left(path, folder):
-    """Kinds of nodes after onnxruntime's optimisation, and how many of each."""
-    options = onnxruntime.SessionOptions()
-    options.optimized_model_filepath = str(folder / "optimised.onnx")
-    onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
-    return Counter(node.op_type for node in onnx.load(options.optimized_model_filepath).graph.node)
-
-
-def test_int8_is_smaller_and_close(made, fp32, samples):
-    assert made.int8_bytes < 0.7 * made.fp32_bytes
-    wanted, got = (answers(NetworkModel(path), samples) for path in (fp32, made.output))
-    assert wanted.std() > 0.02
-    assert np.abs(got - wanted).mean() < 0.01
-    assert np.corrcoef(got.ravel(), wanted.ravel())[0, 1] > 0.99
-
-
-def test_no_pairs_are_left_but_at_the_edges_of_the_graph(made, convolutions, tmp_path):
-    """The map is quantised, and what the float head reads is brought back."""
-    left = operators_left(made.output, tmp_path)
-    assert left["QuantizeLinear"] + left["DequantizeLinear"] == 2
-    assert left["QLinearConv"] == convolutions
 
 
 def test_the_papers_network_is_quantised_too(samples, tmp_path):
@@ -83,19 +48,6 @@ def test_the_papers_network_is_quantised_too(samples, tmp_path):
     wanted = answers(fp32, few)
     assert wanted.std() > 0.02
     assert np.abs(answers(NetworkModel(tmp_path / "int8.onnx"), few) - wanted).mean() < 0.05
-
-
-def test_a_model_agrees_with_itself_and_is_judged_as_the_validator_does(fp32, samples):
-    model = NetworkModel(fp32)
-    validator = Validator(samples, SMALL, RECIPE.omega)
-
-    def judge(found):
-        return validator.judge_answers(found, [0.5])[0]
-
-    found = compare(model, model, validator.shown, judge)
-    assert (found.mean_difference, found.max_difference) == (0.0, 0.0)
-    assert found.queries == len(validator.index)
-    assert found.fp32 == found.int8 == judge(answers(model, samples)[validator.index])
 
 
 def test_what_training_and_quantize_say_of_a_network_is_the_same(trained, fp32, tmp_path):
@@ -125,9 +77,9 @@ def test_what_training_and_quantize_say_of_a_network_is_the_same(trained, fp32, 
     ids=str,
 )
 def test_what_cannot_be_quantised_is_refused_and_nothing_written(
-    made, fp32, dataset, tmp_path, wrong, error, said
+    fp32, dataset, tmp_path, wrong, error, said
 ):
-    files = {"int8.onnx": made.output, "fp32.onnx": fp32, "dataset": dataset}
+    files = {"int8.onnx": model_path("edge"), "fp32.onnx": fp32, "dataset": dataset}
     for name, target in files.items():
         (tmp_path / name).symlink_to(target)
     words = {"model": "fp32.onnx", "dataset": "dataset", "output": "out.onnx", **wrong}
@@ -142,24 +94,30 @@ def test_what_cannot_be_quantised_is_refused_and_nothing_written(
 
 
 def test_the_command_prints_a_table_and_a_recommendation(
-    nnpp_edge, fp32, dataset, convolutions, tmp_path
+    nnpp_edge, fp32, dataset, tmp_path, monkeypatch
 ):
     output = tmp_path / "q.onnx"
-    words = ("quantize", fp32, "--dataset", dataset, "--validation", dataset, "-o", output)
-    ended = nnpp_edge(*words, "--samples", 8, "--exclude", f"{FIRST},{SECOND}")
+    line = ("quantize", fp32, "--dataset", dataset, "--validation", dataset, "-o", output)
+    words = (*line, "--samples", 8)
+    ended = nnpp_edge(*words, "--exclude", f"{FIRST},{SECOND}")
     assert ended.code == 0
-    left_float = f"float the head, {FIRST}, {SECOND}"
     card = output.with_suffix(".md").read_text()
-    for words in (
-        f"{output}: {convolutions - 2} convolutions",
-        left_float,
-        f"on 8 queries of {dataset}",
+    printed = " ".join(ended.out.split())
+    for name, fact in (
+        ("float", f"the head, {FIRST}, {SECOND}"),
+        ("calibrated", f"on 8 queries of {dataset}"),
+        ("judged", f"on {RECIPE.maps}"),
     ):
-        assert words in " ".join(ended.out.split()) and words.replace("float ", "float: ") in card
+        assert f"{name} {fact}" in printed and f"- {name}: {fact}" in card
     assert ended.out.splitlines()[-1] == card.splitlines()[-1]
     assert card.splitlines()[-1].startswith(("recommended: int8. ", "recommended: fp32. "))
     for name in (FIRST, SECOND, "encoder.describe/Conv"):
         assert re.search(rf"{name} \| float \| [\d.]+ %", card), name
     names = {tensor.name for tensor in onnx.load(output).graph.initializer}
     assert {"body.encoder.stem.0.weight", "body.encoder.widen.0.weight"} <= names
-    assert nnpp_edge(*words, "--samples", 8, "--json").json["excluded"] == []
+    monkeypatch.setattr(Comparison, "added_gap", 0.2)
+    for most, code in ((0.1, 1), (0.2, 0)):
+        ended = nnpp_edge(*words, "--most-gap", most, "--json")
+        assert (ended.code, json.loads(ended.out)["excluded"]) == (code, [])
+        within = f"at most {most} points more are allowed" not in ended.out
+        assert within == (code == 0)
