@@ -11,6 +11,7 @@ from nnpp_edge.cli.learn import Steps
 from nnpp_edge.files import alone_in
 from nnpp_edge.profiling.worth import KEEP, LEAVE, OPEN
 from nnpp_edge.runtime.errors import OutputError
+from nnpp_edge.runtime.network.model_file import read_model_file
 
 VERDICTS = (KEEP, OPEN, LEAVE)
 
@@ -91,7 +92,8 @@ def test_one_line_leads_from_a_map_to_a_verdict_and_goes_on_where_it_was_stopped
     run, dem, monkeypatch
 ):
     words = (
-        "learn dem.npz -o me --validation-share 0.4 --maps 12 --time-limit 0.01 --workload limit30"
+        "learn dem.npz -o me --validation-share 0.4 --maps 12 --time-limit 0.01 --workload limit30 "
+        "--omega 0.02"
     )
     ended = run(f"{words} --queries 4")
     assert ended.code == 0, ended.err
@@ -109,6 +111,10 @@ def test_one_line_leads_from_a_map_to_a_verdict_and_goes_on_where_it_was_stopped
         assert f"own beside {other}: mean gaps differ by" in ended.out
     stamps = {path: path.stat().st_mtime_ns for path in Path("me").rglob("*.onnx")}
     assert len(stamps) == 2
+    found = read_model_file(Path("me/int8.onnx")).metadata
+    limit = found.cost_limits["hard_slope_deg"]
+    assert (found.name, found.precision, found.omega, limit) == ("own", "int8", 0.02, 30.0)
+    assert found.training["dataset"]["cell_sizes_m"] == []
 
     more = run(f"{words} --queries 5 --json")
     assert {path: path.stat().st_mtime_ns for path in stamps} == stamps, "made again"

@@ -5,7 +5,6 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import msgspec
-import numpy as np
 import onnx
 import pytest
 import torch
@@ -71,20 +70,6 @@ def edge_model(tmp_path_factory):
     file = tmp_path_factory.mktemp("edge") / "model.onnx"
     export_network(lived_in(EDGE), file, name="edge")
     return file
-
-
-def test_an_encoder_runs_once_for_each_map(edge_model):
-    model = NetworkModel(edge_model)
-    runs = []
-    run = model.session.run_with_iobinding
-    model.session = SimpleNamespace(run_with_iobinding=lambda *words: runs.append(run(*words)))
-    for maps in (1, 2):
-        model.set_map(np.full((2, 64, 64), 0.2 * maps, np.float32))
-        for goal in ((3.0, 60.0), (50.0, 9.5)):
-            answer = model.answer((1.0, 2.0), goal).copy()
-        assert len(runs) == 2 * maps - 1
-        np.testing.assert_array_equal(model.answer((1.0, 2.0), goal, anew=True), answer)
-        assert len(runs) == 2 * maps
 
 
 def test_a_head_that_is_not_its_graphs_is_refused(edge_model, tmp_path):

@@ -18,7 +18,7 @@ import torch
 
 from nnpp_edge.model.encoding import encode_ends
 from nnpp_edge.model.network import Network
-from nnpp_edge.model.registry import PRESETS, Spec
+from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError, ModelError
 from nnpp_edge.terrain.dataset import read_samples
 from nnpp_edge.training.batches import Batches
@@ -233,17 +233,6 @@ def test_the_papers_targets_are_the_blocks_of_the_path(samples):
     assert target.mean() < 0.2
 
 
-def test_two_processes_share_out_the_very_samples_of_one(samples):
-    settings = TrainSettings(batch=8, seed=3)
-    whole = Batches(samples, SMALL, settings)
-    parts = [Batches(samples, SMALL, settings, rank=rank, world=2) for rank in range(2)]
-    epochs = zip(whole.epoch(1), *(part.epoch(1) for part in parts), strict=True)
-    for batch, *shares in epochs:
-        for rank, share in enumerate(shares):
-            for array, part in zip(batch, share, strict=True):
-                np.testing.assert_array_equal(array[rank::2], part)
-
-
 IN_TWO_PROCESSES = """
 import sys
 from pathlib import Path
@@ -316,18 +305,6 @@ def test_only_the_first_process_prints_and_draws(nnpp_edge, dataset, tmp_path, m
     assert not (tmp_path / "curves.png").exists()
     monkeypatch.setenv("RANK", "0")
     assert nnpp_edge(*words).json["history"][0]["loss"] == 0.5
-
-
-@pytest.mark.parametrize("name", PRESETS)
-def test_a_preset_can_be_built(name):
-    spec = PRESETS[name]
-    unseen = spec.encoding == "unseen"
-    with torch.device("meta"):
-        network = Network(spec).eval()
-        maps = torch.zeros(1, 12 if unseen else 2, spec.input_size, spec.input_size)
-        facts = torch.zeros(1, 2, 2)
-    shape = (3, spec.blocks, spec.blocks) if unseen else (spec.blocks, spec.blocks)
-    assert network(*network.shown(maps, facts)).shape == (1, *shape)
 
 
 def test_an_architecture_that_does_not_exist_is_refused():
