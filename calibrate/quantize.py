@@ -4,9 +4,11 @@ of searches.
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import SimpleNamespace
 
 import msgspec
 import numpy as np
@@ -126,10 +128,6 @@ class QuantizeReport:
     output: str
     samples: int
     """Queries that it was calibrated on."""
-    excluded: tuple[str, ...]
-    """Nodes left float, beside those of the head."""
-    quantised: int
-    """Convolutions in int8."""
     layers: tuple[Layer, ...]
     """All convolutions but those in a branch, as of `edge`'s head; the largest error first."""
     fp32_bytes: int
@@ -207,8 +205,6 @@ def quantize(
         source=str(fp32.path),
         output=str(output),
         samples=len(calibration),
-        excluded=tuple(exclude),
-        quantised=sum(layer.quantised for layer in layers),
         layers=layers,
         fp32_bytes=fp32.path.stat().st_size,
         int8_bytes=len(content),
@@ -279,7 +275,7 @@ def quantised_graph(
         quantization.quantize_static(
             prepared,
             target,
-            _Reader(fp32, queries),
+            SimpleNamespace(get_next=partial(next, inputs_of(fp32, queries), None)),
             op_types_to_quantize=list(OPERATORS),
             per_channel=True,
             reduce_range=True,
@@ -293,12 +289,11 @@ def quantised_graph(
     in_int8 = set(chosen) - set(exclude)
     inputs = list(islice(inputs_of(fp32, queries), LAYERS_COMPARED_ON))
     names = [node.name for node in convolutions]
-    exact = _behind(names, onnx.load(prepared), inputs)
-    rounded = _behind(names, made, inputs)
-    errors = map(_relative_error, exact, rounded)
-    layers = [
-        Layer(name, name in in_int8, error) for name, error in zip(names, errors, strict=True)
-    ]
+    layers = []
+    outputs = (_behind(names, model, inputs) for model in (onnx.load(prepared), made))
+    for name, exact, rounded in zip(names, *outputs, strict=True):
+        error = np.linalg.norm(rounded - exact) / np.linalg.norm(exact)
+        layers.append(Layer(name, name in in_int8, float(error)))
     return made, tuple(sorted(layers, key=lambda layer: -layer.error))
 
 
@@ -314,21 +309,6 @@ def _behind(
     session = ort.InferenceSession(shown.SerializeToString(), providers=["CPUExecutionProvider"])
     found = [session.run(wanted, each) for each in inputs]
     return [np.array(each) for each in zip(*found, strict=True)]
-
-
-def _relative_error(exact: Floats, rounded: Floats) -> float:
-    return float(np.linalg.norm(rounded - exact) / np.linalg.norm(exact))
-
-
-class _Reader(quantization.CalibrationDataReader):  # type: ignore[misc]  # onnxruntime has no types
-    """`inputs_of` for onnxruntime."""
-
-    def __init__(self, model: NetworkModel, queries: Queries) -> None:
-        self._inputs = inputs_of(model, queries)
-
-    def get_next(self) -> dict[str, Array] | None:
-        """The next query's inputs by name; None at the end."""
-        return next(self._inputs, None)
 
 
 def inputs_of(model: NetworkModel, queries: Queries) -> Iterator[dict[str, Array]]:

@@ -134,21 +134,18 @@ def command(
     if terrain.cell_size is not None:
         ground += ["--cell-size", terrain.cell_size]
     data, held_out, run = (output / name for name in ("data", "data-held-out", "run"))
-    drawn = ["--maps", maps, "--seed", seed]
-    steps.command("dataset", elevations, "-o", data, *ground, *drawn)
+    steps.command("dataset", elevations, "-o", data, *ground, "--maps", maps, "--seed", seed)
     drawn = ["--maps", VALIDATED_ON, "--seed", seed + 1, "--synthetic-share", 0, "--held-out"]
     steps.command("dataset", elevations, "-o", held_out, *ground, *drawn)
-
-    chosen = ["--validation", held_out, "--time-limit", time_limit, "--seed", seed]
-    steps.command("train", data, "-o", run, *chosen)
-    checkpoint = next(path for name in ("best", "last") if (path := run / f"{name}.pt").exists())
+    judged = ["--validation", held_out]
+    steps.command("train", data, "-o", run, *judged, "--time-limit", time_limit, "--seed", seed)
     fp32, int8 = (output / f"{name}.onnx" for name in ("fp32", "int8"))
-    facts = ["--name", OWN, "--dataset", data]
-    steps.command("export", checkpoint, "-o", fp32, *facts)
-    sets = ["--dataset", data, "--validation", held_out, "--seed", seed]
-    recommended = steps.command("quantize", fp32, "-o", int8, *sets).splitlines()[-1]
+    steps.command("export", run / "best.pt", "-o", fp32, "--name", OWN, "--dataset", data)
+    printed = steps.command(
+        "quantize", fp32, "-o", int8, "--dataset", data, *judged, "--seed", seed
+    )
 
-    network = int8 if recommended.startswith("recommended: int8") else fp32
+    network = int8 if "recommended: int8" in printed else fp32
     line = f"{network}, exact A*, corridor, edge and controls on {queries} queries of the stripe"
     compare = partial(_compared, network, held_out, terrain, omega, queries, seed)
     steps.make(line, compare)
@@ -195,19 +192,18 @@ def _compared(
         """The map with a few queries at a time, more than are wanted, as some have no path."""
         for _ in range(0, 2 * queries, _AT_A_TIME):
             drawn = [random_query(rng, cost, LEAST_DISTANCE * side) for _ in range(_AT_A_TIME)]
-            ends = tuple(query for query in drawn if query is not None)
-            if not ends:
-                wanted = "wanted passable cells on the stripe, got none"
-                raise InvalidQueryError(f"{stripe.source}: {wanted}")
-            yield Case(str(terrain.workload), side, cost, ends, ground)
+            if ends := tuple(query for query in drawn if query is not None):
+                yield Case(str(terrain.workload), side, cost, ends, ground)
 
-    rivals = exact_and(["corridor"], {})
-    for name, file in ((OWN, network), ("edge", "edge")):
-        rivals.append(RivalPlanner(name, Method.NNPP, NetworkModel(file)))
-    rivals = [replace(each, omega=omega) for each in [*rivals, *controls()]]
+    networks = (OWN, network), ("edge", "edge")
+    learned = [RivalPlanner(name, Method.NNPP, NetworkModel(file)) for name, file in networks]
+    rivals = exact_and(["corridor"], {}) + learned + controls()
+    rivals = [replace(each, omega=omega) for each in rivals]
     rows: dict[str, list[Row]] = {}
     with bar("compare", queries) as advance:
         figures = evaluate(cases(), rivals, queries, progress=advance, rows=rows)
+    if not rows:
+        raise InvalidQueryError(f"{stripe.source}: wanted a path on the stripe, got none")
     pairs = [beside(name, rows[OWN], rows[name]) for name in rows if name not in (EXACT, OWN)]
     told = {"network": str(network), "verdict": verdict(pairs), "beside": pairs, "rows": figures}
     content = msgspec.json.format(msgspec.json.encode(told), indent=1)
@@ -217,7 +213,7 @@ def _compared(
         gap = f"mean gaps differ by {each.gap_points} points"
         speed = f"{each.times_as_fast} times as fast in the median"
         lines.append(f"{OWN} beside {each.other}: {gap}, {speed}: {each.judgement}")
-    size = "{} × {}".format(*cost.shape)
+    size = " × ".join(map(str, cost.shape))
     lines.append(
         f"{len(rows[OWN])} queries on a map of {size} cells that it was not trained on; "
         "brackets: 95 %, had other queries been drawn there"

@@ -14,7 +14,10 @@ if TYPE_CHECKING:
     from nnpp_edge.calibrate.quantize import QuantizeReport
 
 _SIZE_AND_TIME = "precision | MB: size_mb .2f | after a/plan, ms: after_plan_ms .3f"
-_REGION = "cost gap: gap z.3% | found in/region: success .1% | region, of/the map: region_share .2%"
+_REGION = (
+    "region,/td ×: factor g | cost gap: gap z.3% | found in/region: success .1% | "
+    "region, of/the map: region_share .2%"
+)
 _FIT = (
     "error of/mean T: rmse_mean .4f | blocked/share: rmse_blocked .4f | "
     "closed/chance: rmse_closed .4f"
@@ -80,16 +83,13 @@ def _told(
 
     c = r.compared
     facts = {
-        "int8": f"{r.output}: {r.quantised} convolutions",
-        "float": ", ".join(("the head", *r.excluded)),
+        "left float": ", ".join(each.name for each in r.layers if not each.quantised),
         "made from": f"{r.source}, sha256 {read_model_file(r.source).sha256[:8]}",
         "calibrated": f"on {r.samples} queries of {calibrated_on}",
         "judged": f"on {c.queries} of {judged_on}",
         "timed": f"on {environment((0,))['cpu']}",
         "answers": f"differ by {c.mean_difference:.4f} on average, {c.max_difference:.3f} at most",
     }
-    if not isinstance(c.fp32, Fit):
-        facts["region"] = f"td × {c.fp32.factor:g}"
     rows = [
         {"precision": name, "size_mb": size / 1e6, "after_plan_ms": ms, **asdict(judged)}
         for name, size, ms, judged in (
@@ -101,10 +101,14 @@ def _told(
     layers = [
         asdict(each) | {"precision": "int8" if each.quantised else "float"} for each in r.layers
     ]
+    head = f"{r.output}\n{aligned(facts)}"
     if markdown:
-        lines = [f"# {Path(r.output).name}", *(f"- {name}: {it}" for name, it in facts.items())]
+        lines = [
+            f"# {Path(r.output).name}, int8",
+            *(f"- {name}: {it}" for name, it in facts.items()),
+        ]
         head = "\n".join(lines)
-        parts = [head, table(rows, figures, markdown=True), table(layers, _LAYERS, markdown=True)]
     else:
-        parts = [aligned(facts), table(rows, figures), table(layers[:_WORST], _LAYERS)]
-    return "\n\n".join([*parts, r.recommendation])
+        layers = layers[:_WORST]
+    tables = [table(*each, markdown=markdown) for each in ((rows, figures), (layers, _LAYERS))]
+    return "\n\n".join([head, *tables, r.recommendation])

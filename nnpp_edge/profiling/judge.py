@@ -166,8 +166,7 @@ def answers(lines: Sequence[Facts]) -> str:
         states = {line["verdict"] for line in asked}
         word = "no" if FAIL in states else "yes" if states == {PASS} else "cannot tell"
         question = name.format(tightest["limit"])
-        digits = ",.0f" if tightest["value"] >= 100.0 else ".3g"
-        said.append(f"{question}: {word} ({tightest['value']:{digits}}).")
+        said.append(f"{question}: {word} ({shown(tightest['value'])}).")
     return " ".join(said)
 
 

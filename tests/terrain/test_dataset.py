@@ -297,35 +297,29 @@ def test_cells_that_are_not_square_are_judged_by_both_sides(tmp_path):
     assert planes[:, 1, 2:-2, 2:-2].max() == 0  # a slope of 6°, not of 45°
 
 
-def test_a_process_that_makes_shards_ends_at_once_when_it_is_interrupted():
-    before = signal.getsignal(signal.SIGINT)
-    try:
-        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        dataset.start_worker(RECIPE, [])
-        assert signal.getsignal(signal.SIGINT) is signal.SIG_DFL
-        assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
-    finally:
-        signal.signal(signal.SIGINT, before)
-
-
-def test_a_process_begins_with_an_interrupt_held_back_until_it_can_end_without_words(
-    tmp_path, monkeypatch
-):
+def test_a_process_that_makes_shards_ends_at_once_when_it_is_interrupted(tmp_path, monkeypatch):
+    """It begins with the interrupt held back, until it can end without a word."""
     held_back = []
 
     class Pool(ThreadPoolExecutor):
         def __init__(self, *_):
             super().__init__(1)
 
-        def submit(self, *words):
+        def submit(self, _, index):
             held_back.append(signal.pthread_sigmask(signal.SIG_BLOCK, ()))
-            return super().submit(lambda: (0, b""))
+            return super().submit(lambda: (index, shard_content(RECIPE, [], index)))
 
     monkeypatch.setattr(dataset, "ProcessPoolExecutor", Pool)
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, ())
-    assert list(dataset._shards_here(RECIPE, [], [0], 1)) == [(0, b"")]
-    assert held_back == [before | {signal.SIGINT}]
-    assert signal.pthread_sigmask(signal.SIG_BLOCK, ()) == before
+    make_dataset(RECIPE, tmp_path)
+    assert held_back == [{signal.SIGINT}] * RECIPE.shards
+    before = signal.getsignal(signal.SIGINT)
+    try:
+        signal.pthread_sigmask(signal.SIG_BLOCK, held_back[0])
+        dataset.start_worker(RECIPE, [])
+        assert signal.getsignal(signal.SIGINT) is signal.SIG_DFL
+        assert not signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def test_a_process_that_dies_is_one_line(tmp_path, monkeypatch):

@@ -1,7 +1,6 @@
 """The exported model: its answers, its metadata, and how it is written."""
 
 import re
-from dataclasses import replace
 from types import SimpleNamespace
 
 import msgspec
@@ -10,11 +9,10 @@ import pytest
 import torch
 from torch import nn
 
-from nnpp_edge import __version__
 from nnpp_edge.export.to_onnx import dataset_facts, export_network, parity
 from nnpp_edge.model.network import Network
 from nnpp_edge.model.registry import Spec
-from nnpp_edge.runtime import NetworkModel, Traversability
+from nnpp_edge.runtime import NetworkModel
 from nnpp_edge.runtime.errors import DataSetError, ModelError
 from nnpp_edge.terrain.shards import Recipe
 from nnpp_edge.training.checkpoint import Checkpoint, Progress, TrainSettings, load_checkpoint
@@ -84,15 +82,6 @@ def test_a_head_that_is_not_its_graphs_is_refused(edge_model, tmp_path):
         NetworkModel(tmp_path / "other.onnx")
 
 
-def test_blocks_that_do_not_fit_the_places_are_refused(edge_model, tmp_path):
-    model = onnx.load(edge_model)
-    (facts,) = model.metadata_props
-    facts.value = facts.value.replace('"blocks": 16', '"blocks": 8')
-    onnx.save(model, tmp_path / "other.onnx")
-    with pytest.raises(ModelError, match="that do not go together"):
-        NetworkModel(tmp_path / "other.onnx")
-
-
 @pytest.mark.parametrize("source", ["dataset", "random"])
 def test_the_runtime_answers_what_the_network_answers(exported, samples, source):
     """Cell for cell, on maps without any symmetry: the layouts of input and output agree."""
@@ -111,27 +100,6 @@ def test_another_network_is_noticed_and_maps_of_another_size_are_refused(exporte
     assert not parity(other, exported.file).passed
     with pytest.raises(DataSetError, match="wanted maps of"):
         parity(exported.network, exported.file, enlarged(samples, 2 * exported.spec.input_size))
-
-
-def test_metadata_comes_back_from_the_file(exported):
-    found = NetworkModel(exported.file).metadata
-    spec = exported.spec
-    wanted = {
-        "name": "small",
-        "architecture": spec.architecture,
-        "precision": "fp32",
-        "version": __version__,
-        "input_size": spec.input_size,
-        "blocks": spec.blocks,
-        "encoding": spec.encoding,
-        "sigma": 0.25,
-        "omega": 0.011,
-        "region_factor": 0.4,
-        "head": (12, 9, 7) if spec.architecture == "edge" else (),
-    }
-    assert found == replace(found, **wanted)
-    assert Traversability(**found.cost_limits) == Traversability()
-    assert [found.training[name] for name in ("steps", "seconds", "of")] == [7, 1.5, "us"]
 
 
 def test_the_file_is_whole_folded_and_free_of_local_paths(exported):

@@ -88,16 +88,13 @@ def test_strided_depthwise_convolutions_stay_in_float32_on_a_cpu_in_bfloat16():
     torch.testing.assert_close(answer, down(half.float()))
 
 
-@pytest.mark.parametrize(
-    ("name", "least", "most"),
-    [
-        ("edge", 3.0e6, 4.5e6),
-        ("nnpp", 1.2e9, 1.45e9),
-        ("nnpp-w16", 75e6, 95e6),
-        ("unseen", 150e6, 170e6),
-    ],
-)
-def test_a_preset_costs_what_its_size_promises_and_answers_on_its_blocks(name, least, most):
+MACS = {"edge": 3.5e6, "nnpp-w16": 87e6, "nnpp": 1.3e9, "unseen": 159e6}
+"""Multiply-accumulates, by the table of docs/models.md."""
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_a_preset_can_be_built(name):
+    """It costs what its size promises, and answers on its blocks."""
     spec = PRESETS[name]
     unseen = spec.encoding == "unseen"
     with torch.device("meta"):
@@ -107,4 +104,4 @@ def test_a_preset_costs_what_its_size_promises_and_answers_on_its_blocks(name, l
     shown = network.shown(maps, facts)
     shape = (3, spec.blocks, spec.blocks) if unseen else (spec.blocks, spec.blocks)
     assert network(*shown).shape == (1, *shape)
-    assert least < count_macs(network, shown) < most
+    assert count_macs(network, shown) == pytest.approx(MACS[name], rel=0.05)
