@@ -8,6 +8,7 @@ from functools import partial
 from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import SimpleNamespace
 
 import msgspec
 import numpy as np
@@ -19,12 +20,11 @@ from onnxruntime.quantization import QuantType
 
 from nnpp_edge import __version__
 from nnpp_edge.export.to_onnx import nodes_leading_to, quiet
-from nnpp_edge.files import write_whole
+from nnpp_edge.files import write_all
 from nnpp_edge.model.registry import Spec
-from nnpp_edge.profiling.contest import Harness
-from nnpp_edge.profiling.inference import InferenceMs, inference_ms, medians
+from nnpp_edge.profiling.inference import PAYS_FROM, fp32_and_int8_ms, int8_in_words
 from nnpp_edge.runtime.arrays import Array
-from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError, ModelError, OutputError
+from nnpp_edge.runtime.errors import InvalidQueryError, ModelError, OutputError
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.model_file import METADATA_KEY
 from nnpp_edge.terrain.dataset import Samples, read_known, read_recipe, read_samples
@@ -40,13 +40,8 @@ OPERATORS = ("Conv", "Relu", "Add", "Resize", "Concat", "AveragePool", "MaxPool"
 """Kinds of nodes that have an int8 kernel on CPUs, so that their QDQ pairs disappear."""
 HELD_OUT = 256
 """Queries to judge on, at most."""
-WARM_UP = 10
-ROUNDS = 150
-"""Timings of each model before those that count, and these."""
-WORTH_IT = 1.1
-"""Times as fast as fp32 that int8 must be to be worth having."""
 MOST_GAP = 0.3
-"""The most that it may add to the mean gap, in percentage points."""
+"""The most that int8 may add to the mean gap, in percentage points, where no other is asked for."""
 MOST_FAILED = 1
 """The most that it may take from the share of queries with a path inside the region, in %."""
 MOST_DIFFERENCE = 0.005
@@ -55,8 +50,6 @@ MOST_DIFFERENCE = 0.005
 """
 MOST_ERROR = 2
 """The most by which the errors of prices may grow, in %."""
-HELD_OUT_SHARE = 4
-"""Of a data set's maps, one in this many is held out to judge on."""
 LAYERS_COMPARED_ON = 4
 """Queries on which the layers of both models are compared."""
 
@@ -74,52 +67,45 @@ class Comparison:
     prices.
     """
     int8: Judgement | Fit
-    fp32_ms: InferenceMs
-    """Medians of one query's inference."""
-    int8_ms: InferenceMs
+    fp32_ms: float
+    """Median of one inference right after a plan."""
+    int8_ms: float
 
     @property
-    def speed_up(self) -> InferenceMs:
-        """How many times as fast int8 is, in both cases."""
-        return InferenceMs(
-            self.fp32_ms.warm / self.int8_ms.warm,
-            self.fp32_ms.after_plan / self.int8_ms.after_plan,
-        )
+    def speed_up(self) -> float:
+        """How many times as fast int8 is."""
+        return self.fp32_ms / self.int8_ms
 
-    def recommendation(self) -> str:
-        """One plain sentence that begins with ``int8`` or ``keep fp32``."""
-        gain = self.speed_up
-        as_fast = f"{gain.warm:.2f} times as fast warm and {gain.after_plan:.2f} right after a plan"
-        wanted = [(gain.warm >= WORTH_IT, f"and {WORTH_IT} warm is wanted")]
-        if isinstance(self.fp32, Judgement) and isinstance(self.int8, Judgement):
-            more = 100 * (self.int8.gap - self.fp32.gap)
-            fewer = 100 * (self.fp32.success - self.int8.success)
-            change = f"the cost gap changes by {more:+.2f} points"
-            wanted += [
-                (
-                    more <= MOST_GAP,
-                    f"but the cost gap grows by {more:.2f} points, and {MOST_GAP} are allowed",
-                ),
-                (
-                    fewer <= MOST_FAILED,
-                    f"but finds a path inside its region on {fewer:.1f} % fewer of the queries, "
-                    f"and {MOST_FAILED} % is allowed",
-                ),
-                (
-                    self.mean_difference <= MOST_DIFFERENCE,
-                    f"but its probabilities differ by {self.mean_difference:.4f}: leave nodes "
-                    "float (--exclude)",
-                ),
-            ]
-        else:
-            errors = zip(astuple(self.fp32), astuple(self.int8), strict=True)
-            growth = 100 * max(after / before - 1.0 for before, after in errors)
+    @property
+    def added_gap(self) -> float:
+        """Percentage points that int8 adds to the mean gap; 0 for prices."""
+        return 100.0 * (getattr(self.int8, "gap", 0.0) - getattr(self.fp32, "gap", 0.0))
+
+    def recommendation(self, most_gap: float = MOST_GAP) -> str:
+        """What to deploy, ``recommended: int8`` or ``recommended: fp32``, and why."""
+        against = []
+        fp32 = self.fp32
+        int8 = self.int8
+        if isinstance(fp32, Fit) or isinstance(int8, Fit):
+            errors = zip(astuple(fp32), astuple(int8), strict=True)
+            growth = 100.0 * max(after / before - 1.0 for before, after in errors)
             change = f"its errors grow by {growth:.1f} %"
-            wanted.append((growth <= MOST_ERROR, f"but {change}, and {MOST_ERROR} % is allowed"))
-        for holds, why_not in wanted:
-            if not holds:
-                return f"keep fp32: on this machine int8 is {as_fast}, {why_not}."
-        return f"int8: {as_fast} on this machine, and {change}."
+            if growth > MOST_ERROR:
+                against.append(f"{MOST_ERROR} % is allowed")
+        else:
+            change = f"the mean gap goes from {100 * fp32.gap:.3f} to {100 * int8.gap:.3f} %"
+            fewer = 100.0 * (fp32.success - int8.success)
+            if not self.added_gap <= most_gap:  # NaN where neither found a path
+                against.append(f"at most {most_gap:g} points more are allowed")
+            if fewer > MOST_FAILED:
+                lost = f"{fewer:.1f} % fewer of the queries have a path inside the region"
+                against.append(f"{lost}, and {MOST_FAILED} % is allowed")
+            if self.mean_difference > MOST_DIFFERENCE:
+                differ = f"its probabilities differ by {self.mean_difference:.4f}"
+                against.append(f"{differ}: leave nodes float (--exclude)")
+        take = "fp32" if against or self.speed_up < PAYS_FROM else "int8"
+        reasons = [int8_in_words(self.speed_up), change, *against]
+        return f"recommended: {take}. {'; '.join(reasons)}"
 
 
 @dataclass(frozen=True)
@@ -142,14 +128,8 @@ class QuantizeReport:
     output: str
     samples: int
     """Queries that it was calibrated on."""
-    held_out_maps: tuple[int, ...]
-    """Numbers of the data set's maps that it was judged on instead of a validation set's."""
-    excluded: tuple[str, ...]
-    """Nodes left float, beside those of the head."""
-    quantised: int
-    """Convolutions in int8."""
     layers: tuple[Layer, ...]
-    """All convolutions but those in a branch, as of `edge`'s head."""
+    """All convolutions but those in a branch, as of `edge`'s head; the largest error first."""
     fp32_bytes: int
     int8_bytes: int
     compared: Comparison
@@ -165,17 +145,21 @@ def quantize(
     dataset: Path,
     output: Path,
     *,
-    validation: Path | None = None,
+    validation: Path,
     samples: int = 200,
     exclude: Sequence[str] = (),
+    most_gap: float | None = None,
     seed: int = 1,
+    card: Callable[[QuantizeReport], str] | None = None,
 ) -> QuantizeReport:
     """Make an int8 model (static, QDQ) of an fp32 file or a shipped model, and measure it against
     its source.
 
-    The `output` is written last, whole or not at all, whatever the recommendation. It is calibrated
-    on so many `samples` of `dataset`, queries drawn at random, and judged on `validation`, without
-    that on a quarter of `dataset`'s maps, which is held out.
+    The `output` is written last, whatever the recommendation; beside it, in a file of its name with
+    ``.md``, what `card` makes of the report: both or none. It is calibrated on so many `samples` of
+    `dataset`, queries drawn at random, and judged on `validation`, whose maps the network was not
+    trained on. `most_gap` is the most that int8 may add to the mean gap, in percentage points, for
+    networks that answer queries.
 
     The nodes in `exclude` stay float, and the head (the last convolution and what does not lead to
     it): it costs next to nothing, and its error would be that of the probabilities. The rest are
@@ -189,7 +173,9 @@ def quantize(
         raise ModelError(f"{fp32.path}: wanted an fp32 model, got one of {precision}")
     if output.resolve() == fp32.path.resolve():
         raise InvalidQueryError(f"{output}: wanted another file than the fp32 model")
-    calibration, held_out, judge, maps = _data(fp32, dataset, validation, samples, seed)
+    if most_gap is not None and fp32.metadata.encoding == "unseen":
+        raise InvalidQueryError("--most-gap is for networks that answer queries")
+    calibration, held_out, judge = _data(fp32, dataset, validation, samples, seed)
     facts = {
         "samples": len(calibration),
         "seed": seed,
@@ -214,70 +200,54 @@ def quantize(
         "max_difference": compared.max_difference,
     }
     content = _with_facts(made, fp32, facts)
-    write_whole(output, content)
-    return QuantizeReport(
+    allowed = MOST_GAP if most_gap is None else most_gap
+    report = QuantizeReport(
         source=str(fp32.path),
         output=str(output),
         samples=len(calibration),
-        held_out_maps=tuple(maps),
-        excluded=tuple(exclude),
-        quantised=sum(layer.quantised for layer in layers),
         layers=layers,
         fp32_bytes=fp32.path.stat().st_size,
         int8_bytes=len(content),
         compared=compared,
-        recommendation=compared.recommendation(),
+        recommendation=compared.recommendation(allowed),
     )
+    contents = {output: content}
+    if card is not None:
+        contents[output.with_suffix(".md")] = f"{card(report)}\n".encode()
+    write_all(contents)
+    return report
 
 
 def _data(
     fp32: NetworkModel,
     dataset: Path,
-    validation: Path | None,
+    validation: Path,
     samples: int,
     seed: int,
-) -> tuple[Queries, Queries, Judge, list[int]]:
-    """Queries to calibrate on and to judge on, their judge, and the maps of `dataset` that are held
-    out for it.
-    """
+) -> tuple[Queries, Queries, Judge]:
+    """Queries to calibrate on, queries to judge on, and their judge."""
     m = fp32.metadata
     if m.encoding == "unseen":
-        maps = read_known(dataset)
-        calibration = KnownValidator(maps.pick(slice(0, None, 2)), samples)
-        numbers = [] if validation else list(range(1, len(maps), 2))
-        judged_on = read_known(validation) if validation else maps.pick(np.array(numbers))
-        known = KnownValidator(judged_on, HELD_OUT)
-        return calibration.shown, known.shown, known.judge_answers, numbers
+        calibration = KnownValidator(read_known(dataset), samples)
+        known = KnownValidator(read_known(validation), HELD_OUT)
+        return calibration.shown, known.shown, known.judge_answers
     pool = read_samples(dataset, most_maps=2 * samples, size=m.input_size)
-    if validation:  # searched on the maps as they are held, as in training
-        others = read_samples(validation)
-    else:
-        pool, others = split(pool, seed)
     order = np.random.default_rng([seed, 1]).permutation(len(pool))
-    validator = Validator(others, Spec(m.architecture, m.input_size, m.sigma), m.omega, HELD_OUT)
+    spec = Spec(m.architecture, m.input_size, m.sigma)
+    # searched on the maps as they are held, as in training
+    validator = Validator(read_samples(validation), spec, m.omega, HELD_OUT)
 
     def judge(answers: Floats) -> Judgement:
         return validator.judge_answers(answers, (m.region_factor,))[0]
 
-    numbers = [] if validation else np.unique(others.map_index).tolist()
-    return pool.pick(order[:samples]), validator.shown, judge, numbers
-
-
-def split(samples: Samples, seed: int) -> tuple[Samples, Samples]:
-    """Queries to calibrate on and queries to judge on, of different maps; DataSetError where all
-    are on one map.
-    """
-    maps = np.random.default_rng([seed, 0]).permutation(np.unique(samples.map_index))
-    if len(maps) < 2:
-        raise DataSetError(f"wanted queries on at least two maps, got {len(maps)}")
-    held_out = np.isin(samples.map_index, maps[: -(-len(maps) // HELD_OUT_SHARE)])
-    return samples.pick(~held_out), samples.pick(held_out)
+    return pool.pick(order[:samples]), validator.shown, judge
 
 
 def quantised_graph(
     fp32: NetworkModel, queries: Queries, folder: Path, exclude: Sequence[str] = ()
 ) -> tuple[onnx.ModelProto, tuple[Layer, ...]]:
-    """A model's int8 variant, calibrated on all of the queries, and its convolutions.
+    """A model's int8 variant, calibrated on all of the queries, and its convolutions, the largest
+    error first.
 
     The `folder` is for the files in between. ModelError where `exclude` names a node that does not
     exist.
@@ -305,7 +275,7 @@ def quantised_graph(
         quantization.quantize_static(
             prepared,
             target,
-            _Reader(fp32, queries),
+            SimpleNamespace(get_next=partial(next, inputs_of(fp32, queries), None)),
             op_types_to_quantize=list(OPERATORS),
             per_channel=True,
             reduce_range=True,
@@ -319,13 +289,12 @@ def quantised_graph(
     in_int8 = set(chosen) - set(exclude)
     inputs = list(islice(inputs_of(fp32, queries), LAYERS_COMPARED_ON))
     names = [node.name for node in convolutions]
-    exact = _behind(names, onnx.load(prepared), inputs)
-    rounded = _behind(names, made, inputs)
-    errors = map(_relative_error, exact, rounded)
-    layers = tuple(
-        Layer(name, name in in_int8, error) for name, error in zip(names, errors, strict=True)
-    )
-    return made, layers
+    layers = []
+    outputs = (_behind(names, model, inputs) for model in (onnx.load(prepared), made))
+    for name, exact, rounded in zip(names, *outputs, strict=True):
+        error = np.linalg.norm(rounded - exact) / np.linalg.norm(exact)
+        layers.append(Layer(name, name in in_int8, float(error)))
+    return made, tuple(sorted(layers, key=lambda layer: -layer.error))
 
 
 def _behind(
@@ -342,25 +311,10 @@ def _behind(
     return [np.array(each) for each in zip(*found, strict=True)]
 
 
-def _relative_error(exact: Floats, rounded: Floats) -> float:
-    return float(np.linalg.norm(rounded - exact) / np.linalg.norm(exact))
-
-
-class _Reader(quantization.CalibrationDataReader):  # type: ignore[misc]  # onnxruntime has no types
-    """`inputs_of` for onnxruntime."""
-
-    def __init__(self, model: NetworkModel, queries: Queries) -> None:
-        self._inputs = inputs_of(model, queries)
-
-    def get_next(self) -> dict[str, Array] | None:
-        """The next query's inputs by name; None at the end."""
-        return next(self._inputs, None)
-
-
 def inputs_of(model: NetworkModel, queries: Queries) -> Iterator[dict[str, Array]]:
     """Inputs of a network for each query, by name, as `model` lays them out."""
     for number in range(len(queries)):
-        shown(model, queries, number)()  # lays out the inputs
+        answer(model, queries, number)  # lays out the inputs
         yield {name: array.copy() for name, array in model.inputs.items()}
 
 
@@ -380,7 +334,7 @@ def _with_facts(model: onnx.ModelProto, fp32: NetworkModel, facts: Mapping[str, 
 
 
 def compare(fp32: NetworkModel, int8: NetworkModel, queries: Queries, judge: Judge) -> Comparison:
-    """Compare two models on the queries, and time each `ROUNDS` times."""
+    """Compare two models on the queries, and time both."""
     exact = answers(fp32, queries)
     rounded = answers(int8, queries)
     difference = np.abs(exact - rounded)
@@ -390,39 +344,23 @@ def compare(fp32: NetworkModel, int8: NetworkModel, queries: Queries, judge: Jud
         float(difference.max()),
         judge(exact),
         judge(rounded),
-        *times_ms(fp32, int8, queries),
+        *fp32_and_int8_ms(fp32, int8),
     )
 
 
-def shown(model: NetworkModel, queries: Queries, number: int) -> Callable[[], Floats]:
-    """Show a network the map of a query, or a map known by its blocks; a function that runs all of
-    it at each call. Inputs and answers stay until the next call of this one.
+def answer(model: NetworkModel, queries: Queries, number: int) -> Floats:
+    """A network's answer to a query, or to a map known by its blocks: (B, B) or (3, B, B). It and
+    the inputs stay until the next call.
     """
     if isinstance(queries, KnownMaps):
         rows, cols = queries.heights[number].shape
         queries.encode(number, model.inputs["input"][0, :, :rows, :cols])
-        return lambda: model.answers()[:, :rows, :cols]
+        return model.answers()[:, :rows, :cols]
     planes, start, goal = queries.query(number)
     model.set_map(planes)
-    return partial(model.answer, start, goal, anew=True)
+    return model.answer(start, goal)
 
 
 def answers(model: NetworkModel, queries: Queries) -> Floats:
-    """(Q, B, B) probabilities of queries, or (Q, 3, B, B) answers for maps known by blocks."""
-    return np.array([shown(model, queries, number)().copy() for number in range(len(queries))])
-
-
-def times_ms(
-    one: NetworkModel, other: NetworkModel, queries: Queries
-) -> tuple[InferenceMs, InferenceMs]:
-    """Medians of two models' inference in turns on the same queries, so that whatever else the
-    machine does slows both.
-    """
-    harness = Harness()
-    times = []
-    for at in range(WARM_UP + ROUNDS):
-        query = at % len(queries)
-        runs = {"one": shown(one, queries, query), "other": shown(other, queries, query)}
-        times.append(inference_ms(runs, harness))
-    ours, theirs = (medians([each[name] for each in times[WARM_UP:]]) for name in ("one", "other"))
-    return ours, theirs
+    """The answers to all queries, (Q, B, B) or (Q, 3, B, B)."""
+    return np.array([answer(model, queries, number).copy() for number in range(len(queries))])

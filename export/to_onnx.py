@@ -85,7 +85,7 @@ def export_network(
     output: Path,
     *,
     name: str,
-    region_factor: float = 0.5,
+    region_factor: float | None = None,
     omega: float = PAPER_OMEGA,
     limits: Traversability | None = None,
     training: Mapping[str, object] | None = None,
@@ -93,8 +93,9 @@ def export_network(
     """Write a network as ONNX, whole or not at all. The other arguments are its metadata, or a
     ModelError.
 
-    `region_factor` is the factor on the adaptive threshold that the runtime is to use, in (0, 1];
-    `omega` and `limits` (by default the paper's) are those of the cost maps that it was trained on.
+    `region_factor` is the factor on the adaptive threshold that the runtime is to use, in (0, 1]:
+    by default that of the architecture, which chose the best weights. `omega` and `limits` (by
+    default the paper's) are those of the cost maps that it was trained on.
     """
     spec = network.spec
     body = network.body
@@ -109,7 +110,7 @@ def export_network(
         sigma=spec.sigma,
         omega=omega,
         cost_limits={name: limit for name, limit in cost_limits.items() if math.isfinite(limit)},
-        region_factor=region_factor,
+        region_factor=spec.region_factor if region_factor is None else region_factor,
         head=body.head.sizes if isinstance(body, EdgeNet) else (),
         training=dict(training or {}),
         version=__version__,

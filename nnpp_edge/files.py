@@ -1,6 +1,7 @@
 """Writing files whole or not at all, and never over what is read."""
 
 import errno
+import fcntl
 import os
 import signal
 import stat
@@ -141,6 +142,23 @@ def make_folder(path: Path) -> None:
         path.mkdir(parents=True, exist_ok=True)
         _made.extend(reversed(new))
         tempfile.TemporaryFile(dir=path).close()
+
+
+@contextmanager
+def alone_in(folder: Path) -> Iterator[None]:
+    """Within, no other process is in a folder by this; OutputError where one is. It ends with the
+    process.
+    """
+    held = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:  # any other: a file system without locks
+            if isinstance(error, BlockingIOError):
+                raise OutputError(f"{folder}: another process is at work there") from error
+        yield
+    finally:
+        os.close(held)
 
 
 def remove_empty_folders() -> None:

@@ -68,19 +68,19 @@ def bar(what: str, total: int, *, quiet: bool = False) -> Iterator[Advance]:
 def _lines(what: str, total: int) -> Advance:
     """Write progress to a log: `train: 35 %, 12.0 min, 22.3 min left`, and the words."""
     parts = 0
-    first: int | None = None
+    begun: tuple[int, float] | None = None
     started = time.monotonic()
 
     def advance(done: int, words: str = "", /) -> None:
-        nonlocal parts, first
-        if first is None:
-            first = done
+        nonlocal parts, begun
+        now = time.monotonic()
+        first, at = begun = begun or (done, now)  # what comes before it is done but once
         if done * _LINES // total > parts:
             parts = done * _LINES // total
-            minutes = (time.monotonic() - started) / 60.0
-            told = [f"{what}: {100 * done // total} %", f"{minutes:.1f} min"]
+            told = [f"{what}: {100 * done // total} %", f"{(now - started) / 60.0:.1f} min"]
             if first < done < total:
-                told.append(f"{minutes * (total - done) / (done - first):.1f} min left")
+                left = (now - at) * (total - done) / (done - first)
+                told.append(f"{left / 60.0:.1f} min left")
             click.echo(", ".join([*told, words] if words else told), err=True)
 
     return advance

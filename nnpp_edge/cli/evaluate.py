@@ -83,9 +83,10 @@ def command(
     Every planner gets the same maps and queries, in turns. Speed-ups and gaps are against exact A*
     on the same query. Times count the whole job, widening and fallback included.
 
-    With --fresh-map each planner is also made from the elevations for every query, all of it timed,
-    and so is a corridor with the learned region's narrow bands (corridor-narrow): nnpp without a
-    network.
+    Beside nnpp stand two controls that have learned nothing: a corridor with the learned region's
+    narrow bands (corridor-narrow), and edge after three steps of training (nnpp-untrained).
+
+    With --fresh-map each planner is also made from the elevations for every query, all of it timed.
 
     With --step-cost all planners use costs by the slope; the network was trained for costs without
     a direction.
@@ -101,7 +102,7 @@ def command(
     """
     from nnpp_edge.profiling import suites
     from nnpp_edge.profiling.evaluate import EAGER, evaluate
-    from nnpp_edge.profiling.rivals import exact_and, narrow_corridor
+    from nnpp_edge.profiling.rivals import controls, exact_and
     from nnpp_edge.progress import bar
     from nnpp_edge.runtime.network.inference import NetworkModel
     from nnpp_edge.runtime.planners.plan import Method
@@ -136,11 +137,11 @@ def command(
     }
     needed = models if points and {Method.NNPP, Method.AUTO} & set(methods) else ()
     networks = {Path(name).stem: NetworkModel(name) for name in needed}
-    control = [narrow_corridor()] if fresh_map else []
     without_network = [name for name in methods if name != Method.NNPP]
+    control = controls() if networks and Method.NNPP in methods else []
     of_point, of_body = (
-        [replace(each, **steps) for each in exact_and(names, loaded) + control]
-        for names, loaded in ((methods, networks), (without_network, {}))
+        [replace(each, **steps) for each in rivals]
+        for rivals in (exact_and(methods, networks) + control, exact_and(without_network, {}))
     )
     dems = suites.TerrainFiles(files, rescale, cell_size).read()
     if held_out:

@@ -2,7 +2,7 @@
 
 import io
 import shlex
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import redirect_stdout
 from dataclasses import replace
 from functools import partial
@@ -15,19 +15,19 @@ import msgspec
 from nnpp_edge.cli import options
 from nnpp_edge.cli.ground_options import TerrainOptions
 from nnpp_edge.cli.text import columns, table
-from nnpp_edge.files import make_folder, write_whole
+from nnpp_edge.files import alone_in, make_folder, write_whole
 from nnpp_edge.runtime.errors import InvalidQueryError, OutputError
 from nnpp_edge.runtime.options import Omega
 from nnpp_edge.runtime.reading import refused_as
 
-REGION_FACTOR = 0.2
-"""On the adaptive threshold: that of the shipped `edge`, so that only the weights differ."""
 SIZES = (64, 128, 256)
 """Sides of the training's maps, of which the largest that fits is taken; `edge` is shown 64²."""
 VALIDATED_ON = 128
 """Maps of the stripe that is held out, for validation."""
 MOST_COMPARED = 2048
 """Cells to a side of the map that planners are compared on, at most."""
+_AT_A_TIME = 20
+"""Queries whose optima are found before they are answered."""
 STEPS = 6
 OWN = "own"
 """Name of the network that is made."""
@@ -124,6 +124,7 @@ def command(
         wanted = f"at least {SIZES[0]} cells across the stripe that --validation-share holds out"
         raise InvalidQueryError(f"{elevations}: wanted {wanted}, got {room}: {shape}")
     make_folder(output)
+    click.get_current_context().with_resource(alone_in(output))
     steps = Steps(output / "learn.json", partial(click.echo, err=as_json))
 
     ground = ["--size", fitting[-1], "--validation-share", validation_share, "--omega", omega]
@@ -133,22 +134,19 @@ def command(
     if terrain.cell_size is not None:
         ground += ["--cell-size", terrain.cell_size]
     data, held_out, run = (output / name for name in ("data", "data-held-out", "run"))
-    drawn = ["--maps", maps, "--seed", seed]
-    steps.command("dataset", elevations, "-o", data, *ground, *drawn)
+    steps.command("dataset", elevations, "-o", data, *ground, "--maps", maps, "--seed", seed)
     drawn = ["--maps", VALIDATED_ON, "--seed", seed + 1, "--synthetic-share", 0, "--held-out"]
     steps.command("dataset", elevations, "-o", held_out, *ground, *drawn)
-
-    chosen = ["--validation", held_out, "--time-limit", time_limit, "--seed", seed]
-    steps.command("train", data, "-o", run, *chosen)
-    checkpoint = next(path for name in ("best", "last") if (path := run / f"{name}.pt").exists())
+    judged = ["--validation", held_out]
+    steps.command("train", data, "-o", run, *judged, "--time-limit", time_limit, "--seed", seed)
     fp32, int8 = (output / f"{name}.onnx" for name in ("fp32", "int8"))
-    facts = ["--name", OWN, "--region-factor", REGION_FACTOR, "--dataset", data]
-    steps.command("export", checkpoint, "-o", fp32, *facts)
-    sets = ["--dataset", data, "--validation", held_out, "--seed", seed]
-    recommended = steps.command("quantize", fp32, "-o", int8, *sets).splitlines()[-1]
+    steps.command("export", run / "best.pt", "-o", fp32, "--name", OWN, "--dataset", data)
+    printed = steps.command(
+        "quantize", fp32, "-o", int8, "--dataset", data, *judged, "--seed", seed
+    )
 
-    network = int8 if recommended.startswith("int8") else fp32
-    line = f"{network}, exact A*, corridor and edge on {queries} queries of the stripe"
+    network = int8 if "recommended: int8" in printed else fp32
+    line = f"{network}, exact A*, corridor, edge and controls on {queries} queries of the stripe"
     compare = partial(_compared, network, held_out, terrain, omega, queries, seed)
     steps.make(line, compare)
     if as_json:
@@ -168,7 +166,7 @@ def _compared(
 
     from nnpp_edge.profiling.contest import Row
     from nnpp_edge.profiling.evaluate import evaluate
-    from nnpp_edge.profiling.rivals import RivalPlanner, exact_and
+    from nnpp_edge.profiling.rivals import EXACT, RivalPlanner, controls, exact_and
     from nnpp_edge.profiling.suites import LEAST_DISTANCE, Case
     from nnpp_edge.profiling.worth import beside, verdict
     from nnpp_edge.progress import bar
@@ -189,20 +187,24 @@ def _compared(
     cost = ground.costs()
     side = max(cost.shape)
     rng = np.random.default_rng(seed)
-    # more than are wanted, as some have no path
-    drawn = (random_query(rng, cost, LEAST_DISTANCE * side) for _ in range(2 * queries))
-    ends = tuple(query for query in drawn if query is not None)
-    if not ends:
-        raise InvalidQueryError(f"{stripe.source}: wanted passable cells on the stripe, got none")
-    case = Case(str(terrain.workload), side, cost, ends, ground)
-    rivals = exact_and(["corridor"], {})
-    for name, file in ((OWN, network), ("edge", "edge")):
-        rivals.append(RivalPlanner(name, Method.NNPP, NetworkModel(file)))
+
+    def cases() -> Iterator[Case]:
+        """The map with a few queries at a time, more than are wanted, as some have no path."""
+        for _ in range(0, 2 * queries, _AT_A_TIME):
+            drawn = [random_query(rng, cost, LEAST_DISTANCE * side) for _ in range(_AT_A_TIME)]
+            if ends := tuple(query for query in drawn if query is not None):
+                yield Case(str(terrain.workload), side, cost, ends, ground)
+
+    networks = (OWN, network), ("edge", "edge")
+    learned = [RivalPlanner(name, Method.NNPP, NetworkModel(file)) for name, file in networks]
+    rivals = exact_and(["corridor"], {}) + learned + controls()
     rivals = [replace(each, omega=omega) for each in rivals]
     rows: dict[str, list[Row]] = {}
     with bar("compare", queries) as advance:
-        figures = evaluate([case], rivals, queries, progress=advance, rows=rows)
-    pairs = [beside(name, rows[OWN], rows[name]) for name in ("corridor", "edge")]
+        figures = evaluate(cases(), rivals, queries, progress=advance, rows=rows)
+    if not rows:
+        raise InvalidQueryError(f"{stripe.source}: wanted a path on the stripe, got none")
+    pairs = [beside(name, rows[OWN], rows[name]) for name in rows if name not in (EXACT, OWN)]
     told = {"network": str(network), "verdict": verdict(pairs), "beside": pairs, "rows": figures}
     content = msgspec.json.format(msgspec.json.encode(told), indent=1)
     write_whole(network.with_name("comparison.json"), content)
@@ -211,7 +213,7 @@ def _compared(
         gap = f"mean gaps differ by {each.gap_points} points"
         speed = f"{each.times_as_fast} times as fast in the median"
         lines.append(f"{OWN} beside {each.other}: {gap}, {speed}: {each.judgement}")
-    size = "{} × {}".format(*cost.shape)
+    size = " × ".join(map(str, cost.shape))
     lines.append(
         f"{len(rows[OWN])} queries on a map of {size} cells that it was not trained on; "
         "brackets: 95 %, had other queries been drawn there"

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 _PURPOSES = {
     "edge": "planning on board; the default of --method nnpp",
     "edge-fp32": "edge before quantisation",
+    "edge-untrained": "control of edge: the same after three steps of training",
     "unseen": "costs of ground that is known from a coarse map only",
     "paper": "the paper's network, to reproduce its experiments",
 }

@@ -1,5 +1,6 @@
 """`nnpp-edge plan`: a path over an elevation map."""
 
+import warnings
 from pathlib import Path
 from typing import Annotated
 
@@ -83,6 +84,12 @@ def command(
             request, query, steps, dem, robot, model=model, drawn=output is not None
         )
     answer.warn_if_close()
+    if model != "edge" and answer.plan.method != "nnpp":
+        warnings.warn(
+            f"--model {model} was not used, as the path is by {answer.plan.method}: --method nnpp "
+            "runs the network",
+            stacklevel=2,
+        )
     with told_if_slow("drawing and writing"):
         files = answer.save(paths, older)
     tell(as_json, answer.figures(files), lambda: answer.text(files))

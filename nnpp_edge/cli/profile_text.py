@@ -6,6 +6,7 @@ from functools import partial
 from nnpp_edge.cli.text import Columns, Row, aligned, columns, table
 from nnpp_edge.profiling.contest import Facts, Figures
 from nnpp_edge.profiling.figures import stages_of
+from nnpp_edge.profiling.inference import int8_in_words
 from nnpp_edge.profiling.judge import IN_WORDS, measured, place, wanted
 from nnpp_edge.progress import MISSING, shown
 from nnpp_edge.runtime.errors import INSTALL
@@ -128,11 +129,8 @@ def _sentences(report: Facts) -> Iterator[str]:
         where = "never in this run" if size is None else f"from {size}² on"
         yield f"{line['planner']} faster than {line['over']}: {where}"
     for row in report["results"]:
-        if row.get("int8_speedup_after_plan") is not None:
-            place = f"{row['workload']} {row['size']}²"
-            warm = f"{row['int8_speedup']:.2f} times warm"
-            after_plan = f"{row['int8_speedup_after_plan']:.2f} right after a plan"
-            yield f"int8 over fp32, inference alone, {place}: {warm}, {after_plan}"
+        if row["int8_speedup"] is not None:
+            yield f"{row['workload']} {row['size']}²: {int8_in_words(row['int8_speedup'])}"
     if lost := sum(row["without_path"] for row in report["loop"]):
         yield f"the onboard loop had no path after {lost} patches"
 

@@ -1,30 +1,34 @@
 """`nnpp-edge quantize`: an int8 model, and whether it pays."""
 
-from collections.abc import Sequence
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import click
 
 from nnpp_edge.cli import options
-from nnpp_edge.cli.text import columns, table
+from nnpp_edge.cli.text import aligned, columns, table
 
 if TYPE_CHECKING:
-    from nnpp_edge.calibrate.quantize import Layer
+    from nnpp_edge.calibrate.quantize import QuantizeReport
 
-_SIZE_AND_TIME = (
-    "precision | MB: size_mb .2f | warm/ms: warm .3f | after a/plan, ms: after_plan .3f"
+_SIZE_AND_TIME = "precision | MB: size_mb .2f | after a/plan, ms: after_plan_ms .3f"
+_REGION = (
+    "region,/td ×: factor g | cost gap: gap z.3% | found in/region: success .1% | "
+    "region, of/the map: region_share .2%"
 )
-_REGION = "cost gap: gap z.3% | found in/region: success .1% | region, of/the map: region_share .2%"
 _FIT = (
     "error of/mean T: rmse_mean .4f | blocked/share: rmse_blocked .4f | "
     "closed/chance: rmse_closed .4f"
 )
-
-_LAYERS = columns("layer | in | error/behind it: error .1%")
-_WORST = 3
-"""Layers in int8 that are listed, those with the largest errors."""
+_LAYERS = columns("layer: name | in: precision | error/behind it: error .1%")
+_WORST = 5
+"""Layers that are printed, those with the largest errors; the card has all."""
+_MOST_GAP = (
+    "Percentage points that int8 may add to the mean gap; exit code 1 if it adds more. Without it "
+    "0.3 are advised."
+)
 
 
 @options.command("quantize")
@@ -32,62 +36,79 @@ def command(
     model: Annotated[Path, options.PATH],
     /,
     dataset: Annotated[Path, options.FOLDER, "Data set to calibrate on."],
-    output: Annotated[Path, "-o", options.NEW_FILE, "The int8 ONNX file."],
-    validation: Annotated[
-        Path | None, options.FOLDER, "Data set to judge on; by default held-out maps."
-    ] = None,
+    validation: Annotated[Path, options.FOLDER, "Data set of other maps, to judge on."],
+    output: Annotated[Path, "-o", options.NEW_FILE, "The int8 ONNX file; its card is beside it."],
     samples: Annotated[int, "Queries to calibrate on."] = 200,
     exclude: Annotated[tuple[str, ...], options.NAMES, "Nodes to leave float, by name."] = (),
+    most_gap: Annotated[float | None, options.NOT_NEGATIVE, _MOST_GAP] = None,
     seed: options.Seed = 1,
     as_json: options.AsJson = False,
 ) -> None:
     """Make an int8 model of MODEL (static, QDQ), and measure both on this machine.
 
-    The head stays float. The report ends in a recommendation, which may be to keep fp32.
+    The head stays float. The last line recommends int8 or fp32. A card, OUTPUT with .md, holds the
+    same and the errors of all layers, the largest first: leave those float with --exclude.
 
     \b
     nnpp-edge quantize edge.onnx --dataset data/train --validation data/val -o edge-int8.onnx
     """
-    options.check_outputs(("--output", output))
+    options.check_outputs(("--output", output), ("the card", output.with_suffix(".md")))
 
     from nnpp_edge.calibrate.quantize import quantize
+
+    told = partial(_told, calibrated_on=dataset, judged_on=validation)
+    r = quantize(
+        model,
+        dataset,
+        output,
+        validation=validation,
+        samples=samples,
+        exclude=exclude,
+        most_gap=most_gap,
+        seed=seed,
+        card=partial(told, markdown=True),
+    )
+    click.echo(r.to_json() if as_json else told(r))
+    if most_gap is not None and not r.compared.added_gap <= most_gap:
+        click.get_current_context().exit(1)
+
+
+def _told(
+    r: "QuantizeReport", calibrated_on: Path, judged_on: Path, *, markdown: bool = False
+) -> str:
+    """What was made, from what and on what, and its figures."""
+    from nnpp_edge.profiling.machine import environment
+    from nnpp_edge.runtime.network.model_file import read_model_file
     from nnpp_edge.training.unseen import Fit
 
-    r = quantize(
-        model, dataset, output, validation=validation, samples=samples, exclude=exclude, seed=seed
-    )
-    if as_json:
-        click.echo(r.to_json())
-        return
     c = r.compared
-    judged_by = _FIT if isinstance(c.fp32, Fit) else _REGION
-    shown_as = columns(f"{_SIZE_AND_TIME} | {judged_by}")
+    facts = {
+        "left float": ", ".join(each.name for each in r.layers if not each.quantised),
+        "made from": f"{r.source}, sha256 {read_model_file(r.source).sha256[:8]}",
+        "calibrated": f"on {r.samples} queries of {calibrated_on}",
+        "judged": f"on {c.queries} of {judged_on}",
+        "timed": f"on {environment((0,))['cpu']}",
+        "answers": f"differ by {c.mean_difference:.4f} on average, {c.max_difference:.3f} at most",
+    }
     rows = [
-        {"precision": name, "size_mb": size / 1e6, **asdict(latency), **asdict(judged)}
-        for name, size, latency, judged in (
+        {"precision": name, "size_mb": size / 1e6, "after_plan_ms": ms, **asdict(judged)}
+        for name, size, ms, judged in (
             ("fp32", r.fp32_bytes, c.fp32_ms, c.fp32),
             ("int8", r.int8_bytes, c.int8_ms, c.int8),
         )
     ]
-    held_out = f"{len(r.held_out_maps)} other maps of it, which --json lists"
-    compared = f"compared on {c.queries} of {validation or held_out}"
-    click.echo(f"{r.output}: calibrated on {r.samples} queries of {dataset}, {compared}")
-    click.echo(table(rows, shown_as))
-    region = "" if isinstance(c.fp32, Fit) else f"; region at td × {c.fp32.factor:g}"
-    differ = f"{c.mean_difference:.4f} on average, {c.max_difference:.3f} at most"
-    click.echo(f"answers differ by {differ}{region}")
-    left = ", ".join(("the head", *r.excluded))
-    click.echo(f"{r.quantised} convolutions in int8, left float: {left}")
-    click.echo(_layers(r.layers))
-    click.echo(r.recommendation)
-
-
-def _layers(layers: Sequence["Layer"]) -> str:
-    """The layers that are left float, and those in int8 with the largest errors behind them."""
-    in_int8 = sorted((each for each in layers if each.quantised), key=lambda each: -each.error)
-    left = [each for each in layers if not each.quantised]
-    rows = [
-        {"layer": each.name, "in": "int8" if each.quantised else "float", "error": each.error}
-        for each in (*in_int8[:_WORST], *left)
+    figures = columns(f"{_SIZE_AND_TIME} | {_FIT if isinstance(c.fp32, Fit) else _REGION}")
+    layers = [
+        asdict(each) | {"precision": "int8" if each.quantised else "float"} for each in r.layers
     ]
-    return table(rows, _LAYERS)
+    head = f"{r.output}\n{aligned(facts)}"
+    if markdown:
+        lines = [
+            f"# {Path(r.output).name}, int8",
+            *(f"- {name}: {it}" for name, it in facts.items()),
+        ]
+        head = "\n".join(lines)
+    else:
+        layers = layers[:_WORST]
+    tables = [table(*each, markdown=markdown) for each in ((rows, figures), (layers, _LAYERS))]
+    return "\n\n".join([head, *tables, r.recommendation])

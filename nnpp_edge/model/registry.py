@@ -20,10 +20,14 @@ class Architecture(NamedTuple):
     """Cells of the input to the side of a block of the output."""
     size_step: int
     """The input's side in cells is a multiple of this."""
+    region_factor: float = 0.5
+    """On the adaptive threshold: the best weights are chosen at it, and planners use the model at
+    it.
+    """
 
 
 ARCHITECTURES = {
-    "edge": Architecture("ends", 4, 64),
+    "edge": Architecture("ends", 4, 64, region_factor=0.2),
     "nnpp": Architecture("gaussian", 8, 128),
     "unseen": Architecture("unseen", 1, 4),
 }
@@ -72,6 +76,11 @@ class Spec:
     def encoding(self) -> str:
         """How start and goal are shown."""
         return ARCHITECTURES[self.architecture].encoding
+
+    @property
+    def region_factor(self) -> float:
+        """On the adaptive threshold, by default."""
+        return ARCHITECTURES[self.architecture].region_factor
 
     @property
     def blocks(self) -> int:

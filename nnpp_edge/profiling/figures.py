@@ -123,7 +123,6 @@ def _row(of: WorkloadRun, name: str) -> Facts:
     energy_mj = float(np.mean(answers.energy_mj))
     whole = _spread(times)
     network_ms = _median(answers.column("network_ms"))
-    warm_ms = _median(answers.column("network_warm_ms"))
     fp32 = of.answers.get("nnpp-fp32") if name == "nnpp" and network_ms else None
     plain = _plain_ratios(of, times)
     arrivals = {key: answers.column(key) for key in ("map_ms", "patch_ms")}
@@ -138,10 +137,8 @@ def _row(of: WorkloadRun, name: str) -> Facts:
         **summarised(found, _ANSWERS),
         "energy_mj": None if np.isnan(energy_mj) else energy_mj,
         "inference_ms_median": network_ms or None,
-        "inference_warm_ms_median": warm_ms or None,
         "inference_fps": 1e3 / network_ms if network_ms else None,
-        "int8_speedup": fp32 and _median(fp32.column("network_warm_ms")) / warm_ms,
-        "int8_speedup_after_plan": fp32 and _median(fp32.column("network_ms")) / network_ms,
+        "int8_speedup": fp32 and _median(fp32.column("network_ms")) / network_ms,
         "speedup_plain": float(np.mean(plain)) if plain else None,
         "map_fps": 1e3 / _median(arrivals["map_ms"]) if len(arrivals["map_ms"]) else None,
         **{key: _spread(ms) if len(ms) else None for key, ms in arrivals.items()},

@@ -32,7 +32,7 @@ may take.
 _QUESTIONS = {
     "{:g} FPS": ("fps", "map_fps", "inference_fps"),
     "{:g}×": ("speedup_total", "speedup_plain"),
-    "int8": ("int8_speedup", "int8_speedup_after_plan"),
+    "int8 {:g}×": ("int8_speedup",),
 }
 """Quantities that answer a question, which names their limit."""
 _BEYOND_DOUBT = 1.25
@@ -166,8 +166,7 @@ def answers(lines: Sequence[Facts]) -> str:
         states = {line["verdict"] for line in asked}
         word = "no" if FAIL in states else "yes" if states == {PASS} else "cannot tell"
         question = name.format(tightest["limit"])
-        digits = ",.0f" if tightest["value"] >= 100.0 else ".3g"
-        said.append(f"{question}: {word} ({tightest['value']:{digits}}).")
+        said.append(f"{question}: {word} ({shown(tightest['value'])}).")
     return " ".join(said)
 
 

@@ -53,8 +53,7 @@ class Answers:
     )
     """For each half, for each query, milliseconds where they are measured: ``time_ms`` of the
     middle call (of two the faster one), ``network_ms`` of the whole network on map and query right
-    after a plan and ``network_warm_ms`` right after itself, ``map_ms`` from elevations to the path,
-    ``patch_ms`` of a patch on that path."""
+    after a plan, ``map_ms`` from elevations to the path, ``patch_ms`` of a patch on that path."""
     stages_ms: list[dict[str, float]] = field(default_factory=list)
     """The stages of the same calls of both halves, and ``other``: what no stage counts."""
     plans: list[Plan] = field(default_factory=list)
@@ -266,10 +265,8 @@ class _Session:
         rivals = {rival.name: rival for rival in self._rivals}
         planners = {name: rival.planner(on_map.standing) for name, rival in rivals.items()}
         turns = on_map.ground.vehicle is not None
-        networks = {}
-        if not turns:
-            asking = [rival for rival in self._rivals if rival.method is Method.NNPP]
-            networks = {each.name: each.model.try_out for each in asking if each.model is not None}
+        asking = [] if turns else [each for each in self._rivals if each.method is Method.NNPP]
+        networks = {each.name: each.model for each in asking if each.model is not None}
         energy = self._meter.read()
         worked_s = 0.0
 
@@ -304,10 +301,8 @@ class _Session:
             # networks last, so that no planner follows what others do not; each on the map that it
             # was shown last, encoded anew, and a query
             times = disturbance.left_out(partial(inference_ms, networks, self._harness))
-            for name, found in times.items():
-                row = of.answers[name].figures[half][-1]
-                row["network_warm_ms"] = found.warm
-                row["network_ms"] = found.after_plan
+            for name, ms in times.items():
+                of.answers[name].figures[half][-1]["network_ms"] = ms
         disturbance.stop()
 
     def measure_arriving(

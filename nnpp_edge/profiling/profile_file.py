@@ -71,7 +71,7 @@ _TABLE = {
     "late_per_hour": Quantity("1/h", "reaction", of_loop=True),
     "speedup_median speedup_total": Quantity("x", "ratio"),
     "speedup_plain": Quantity("x", "plain_ratio"),
-    "int8_speedup int8_speedup_after_plan": Quantity("x", "int8_ratio"),
+    "int8_speedup": Quantity("x", "int8_ratio"),
     "gap_mean gap_p99 gap_max cc_excess success_first success": Quantity("%", scale=100.0),
     "expansions_median": Quantity("1"),
     "energy_mj": Quantity("mJ", "time"),

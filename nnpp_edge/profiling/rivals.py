@@ -97,6 +97,11 @@ def exact_and(methods: Iterable[str], models: Mapping[str, NetworkModel]) -> lis
     return found
 
 
-def narrow_corridor() -> RivalPlanner:
-    """The corridor of the learned region's width: the same bands without the network."""
-    return RivalPlanner("corridor-narrow", Method.CORRIDOR, width=LEARNED_CORRIDOR)
+def controls() -> list[RivalPlanner]:
+    """What has learned nothing, to be beaten by what has: a corridor with the learned region's
+    narrow bands, and `edge` after three steps of training, whose region is the whole map.
+    """
+    return [
+        RivalPlanner("corridor-narrow", Method.CORRIDOR, width=LEARNED_CORRIDOR),
+        RivalPlanner("nnpp-untrained", Method.NNPP, NetworkModel("edge-untrained")),
+    ]

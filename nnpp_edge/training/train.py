@@ -33,7 +33,7 @@ from nnpp_edge.training.checkpoint import (
     load_checkpoint,
 )
 from nnpp_edge.training.unseen import KnownValidator
-from nnpp_edge.training.validation import SCORED, Validator
+from nnpp_edge.training.validation import Validator
 
 __all__ = ["Progress", "TrainSettings", "train"]
 _TRIM_THRESHOLD = -1
@@ -462,7 +462,7 @@ class Run:
             figures = asdict(judged)
             at = f"@{figures.pop('factor'):g}" if "factor" in figures else ""
             row |= {f"{name}{at}": value for name, value in figures.items()}
-            if at in ("", f"@{SCORED:g}"):
+            if at in ("", f"@{self.spec.region_factor:g}"):
                 row["score"] = judged.score
         return row
 

@@ -28,10 +28,8 @@ from nnpp_edge.terrain.dataset import Samples
 T = TypeVar("T")
 Scratch = tuple[Workspace, RegionFinder]
 """Memory of one thread's searches."""
-FACTORS = (1.0, 0.5, 0.25)
-"""On the adaptive threshold, that a training is judged at."""
-SCORED = 0.5
-"""The one that a model is exported with by default; the best weights are chosen by it."""
+FACTORS = (1.0, 0.5, 0.2)
+"""On the adaptive threshold, that a training is judged at, those of `ARCHITECTURES` among them."""
 
 
 @dataclass(frozen=True)
@@ -51,8 +49,8 @@ class Judgement:
     """Mean MM."""
     score: float
     """Mean of gap and region's share together, a query that is not found counted as a search of
-    the whole map; less is better. About half of td a wider region gains as much gap as it costs
-    share, so that the score is not lowered by widening alone.
+    the whole map; less is better. The best weights are chosen by it at the factor that planners use
+    (`ARCHITECTURES`).
     """
 
 

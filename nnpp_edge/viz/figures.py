@@ -15,6 +15,7 @@ import numpy as np
 from nnpp_edge.files import write_whole
 from nnpp_edge.profiling.contest import Facts
 from nnpp_edge.profiling.figures import stages_of
+from nnpp_edge.profiling.inference import int8_in_words
 from nnpp_edge.profiling.judge import IN_WORDS, measured, place, wanted
 from nnpp_edge.progress import shown, with_unit
 from nnpp_edge.runtime.errors import optional_module
@@ -96,6 +97,7 @@ def page(report: Facts) -> str:
         "measured": measured,
         "wanted": wanted,
         "place": place,
+        "int8_in_words": int8_in_words,
     }
     template.filters |= filters
     template.globals["words"] = IN_WORDS

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from nnpp_edge.export.to_onnx import dataset_facts
-from nnpp_edge.runtime.network.model_file import read_model_file
 from nnpp_edge.terrain.dataset import read_recipe, read_samples
 from nnpp_edge.terrain.shards import WORKLOADS
 
@@ -84,30 +83,3 @@ def test_ones_own_limits_weight_and_cells_are_in_the_recipe(run, dem):
         0.0,
     )
     assert (default.limits, default.workloads, len(default.cell_sizes_m)) == ({}, WORKLOADS, 5)
-
-
-def test_from_ones_own_terrain_to_a_plan(run, told, dem):
-    """The commands of docs/models.md, with tiny settings; the model says what it was made for."""
-    split = (
-        "--validation-share 0.4 --own-cell-size --limit hard_slope_deg=25 --omega 0.02 "
-        "--synthetic-share 0"
-    )
-    for words in (
-        f"dataset dem.npz -o train --size 64 {split} --maps 12",
-        f"dataset dem.npz -o val --held-out --size 64 {split} --maps 12",
-        "train train --validation val -o run --steps 2 --batch 8",
-        "export run/best.pt -o fp32.onnx --name own --dataset train",
-    ):
-        assert run(words).code == 0
-    assert Path("run/curves.png").stat().st_size > 10_000
-    words = "quantize fp32.onnx --dataset train -o int8.onnx --samples 4"
-    run(f"{words} --exclude none-of-them").refused("none-of-them")
-    assert run(f"{words} --validation val").code == 0
-    found = read_model_file(Path("int8.onnx")).metadata
-    limit = found.cost_limits["hard_slope_deg"]
-    assert (found.name, found.precision, found.omega, limit) == ("own", "int8", 0.02, 25.0)
-    assert found.training["dataset"]["cell_sizes_m"] == []
-    ended = run(
-        "plan dem.npz --start 5,5 --goal 90,150 --method nnpp --model int8.onnx --omega 0.02"
-    )
-    assert ended.code in (0, 1) and ended.out

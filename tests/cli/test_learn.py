@@ -3,11 +3,14 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from nnpp_edge.cli.learn import Steps
+from nnpp_edge.files import alone_in
 from nnpp_edge.profiling.worth import KEEP, LEAVE, OPEN
 from nnpp_edge.runtime.errors import OutputError
+from nnpp_edge.runtime.network.model_file import read_model_file
 
 VERDICTS = (KEEP, OPEN, LEAVE)
 
@@ -16,6 +19,7 @@ VERDICTS = (KEEP, OPEN, LEAVE)
 def dem(trained_on, monkeypatch):
     """dem.npz, a map of 80 × 160 cells; few queries judge the training."""
     monkeypatch.setattr("nnpp_edge.cli.learn.VALIDATED_ON", 12)
+    monkeypatch.setattr("nnpp_edge.cli.learn._AT_A_TIME", 2)
     return trained_on(80)
 
 
@@ -56,12 +60,35 @@ def test_a_map_without_room_for_a_stripe_is_refused_and_leaves_nothing(run, dem)
     assert not Path("me").exists()
 
 
+@pytest.mark.parametrize("take", ["int8", "fp32"])
+def test_steps_say_all_that_they_need_and_what_is_recommended_is_compared(run, monkeypatch, take):
+    made = []
+
+    def printed(words):
+        made.append(words)
+        if words[0] == "train":
+            Path("own/run").mkdir(parents=True)
+            Path("own/run/best.pt").touch()
+        return f"recommended: {take}. It pays."
+
+    monkeypatch.setattr("nnpp_edge.cli.learn._printed", printed)
+    monkeypatch.setattr("nnpp_edge.cli.learn._compared", lambda network, *_: f"by {network}")
+    np.savez("dem.npz", elevation_m=np.zeros((512, 128), np.float32), cell_size_m=1.0)
+    ended = run("learn dem.npz -o own")
+    assert ended.code == 0, ended.err
+    assert ended.out.splitlines()[-1] == f"by own/{take}.onnx"
+    assert [words.count("--size") for words in made] == [1, 1, 0, 0, 0]
+    with alone_in(Path("own")):
+        run("learn dem.npz -o own").refused("another process is at work there")
+
+
 @pytest.mark.slow
 def test_one_line_leads_from_a_map_to_a_verdict_and_goes_on_where_it_was_stopped(
     run, dem, monkeypatch
 ):
     words = (
-        "learn dem.npz -o me --validation-share 0.4 --maps 12 --time-limit 0.01 --workload limit30"
+        "learn dem.npz -o me --validation-share 0.4 --maps 12 --time-limit 0.01 --workload limit30 "
+        "--omega 0.02"
     )
     ended = run(f"{words} --queries 4")
     assert ended.code == 0, ended.err
@@ -75,16 +102,22 @@ def test_one_line_leads_from_a_map_to_a_verdict_and_goes_on_where_it_was_stopped
     ]
     assert "--held-out" in lines[1] and "--workload limit30" in lines[0]
     assert "verdict: " in ended.out.splitlines()[-1]
-    for other in ("corridor", "edge"):
+    for other in ("corridor", "edge", "nnpp-untrained"):
         assert f"own beside {other}: mean gaps differ by" in ended.out
     stamps = {path: path.stat().st_mtime_ns for path in Path("me").rglob("*.onnx")}
     assert len(stamps) == 2
+    found = read_model_file(Path("me/int8.onnx")).metadata
+    limit = found.cost_limits["hard_slope_deg"]
+    assert (found.name, found.precision, found.omega, limit) == ("own", "int8", 0.02, 30.0)
+    assert found.training["dataset"]["cell_sizes_m"] == []
 
     more = run(f"{words} --queries 5 --json")
     assert {path: path.stat().st_mtime_ns for path in stamps} == stamps, "made again"
     told = more.json
     assert told["verdict"].startswith(VERDICTS)
-    assert {each["other"] for each in told["beside"]} == {"corridor", "edge"}
-    assert list(told["rows"]) == ["astar", "corridor", "own", "edge"]
+    others = ["corridor", "edge", "corridor-narrow", "nnpp-untrained"]
+    assert [each["other"] for each in told["beside"]] == others
+    assert sorted(told["rows"]) == sorted([*others, "astar", "own"])
+    assert told["rows"]["own"]["n"] == 5
     assert "queries on a map of 80 × 64 cells" in ended.out
     assert json.loads(Path("me/learn.json").read_text())[0][0] in more.err

@@ -5,6 +5,7 @@ import subprocess
 import sys
 import threading
 
+from nnpp_edge.progress import bar
 from nnpp_edge.runtime.compiled import notice
 from nnpp_edge.runtime.errors import INSTALL
 
@@ -89,6 +90,15 @@ def test_what_takes_a_second_is_told_once_and_what_does_not_is_not(monkeypatch):
     for _ in range(2):
         notice.begins("a wait").join()
     assert heard == ["a wait"]
+
+
+def test_the_time_left_is_by_what_was_done_since_the_first_of_it(monkeypatch, capsys):
+    clock = iter([0.0, 600.0, 606.0])
+    monkeypatch.setattr("nnpp_edge.progress.time.monotonic", lambda: next(clock))
+    with bar("compare", 100) as advance:
+        advance(10)
+        advance(20)
+    assert capsys.readouterr().err.splitlines()[-1] == "compare: 20 %, 10.1 min, 0.8 min left"
 
 
 def test_who_waits_longer_is_told_again_with_the_time(monkeypatch):

@@ -251,6 +251,8 @@ def test_a_timeout_ends_with_1_and_gives_the_path_so_far(run, monkeypatch):
 
 
 def test_comparing_sets_the_methods_beside_the_optimum(run, told, hills, tiny_model):
+    unused = run(f"plan hills.npz {ENDS} --model {tiny_model}")
+    assert f"warning: --model {tiny_model} was not used, as the path is by corridor: " in unused.err
     words = f"plan hills.npz {ENDS} --method nnpp --model {tiny_model} --compare"
     rows = {row["method"]: row for row in told(f"{words} -o out")["compare"]}
     assert list(rows) == ["nnpp", "astar", "corridor"]

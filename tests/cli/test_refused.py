@@ -204,7 +204,7 @@ costmap hills.npz -o hills.npz                 | --output would replace hills.np
 costmap hills.npz -o link.npz                  | would replace | which is read
 costmap grey.png -o grey.npy --cell-size 1 | --output would replace grey.png | which is read
 export hills.npz -o hills.npz                  | would replace | which is read
-quantize hills.npz --dataset set -o link.npz   | would replace | which is read
+quantize hills.npz --dataset set --validation set -o link.npz | would replace | which is read
 profile --profile set/report.json -o set       | would replace | which is read
 profile --peers --terrain set/peers.json -o set | would replace | which is read
 simulate --map hills.npz --log hills.npz       | would replace | which is read

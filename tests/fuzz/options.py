@@ -37,7 +37,9 @@ BASES = {
     ),
     "export": ("in/trained/best.pt -o out/net.onnx",),
     "learn": ("in/dem.npz -o out/own --maps 2 --time-limit 0.01 --queries 1",),
-    "quantize": ("in/edge64.onnx --dataset in/set -o out/int8.onnx --samples 2",),
+    "quantize": (
+        "in/edge64.onnx --dataset in/set --validation in/set -o out/int8.onnx --samples 2",
+    ),
     "evaluate": (
         "--synthetic --sizes 16 --queries 1 --repeats 1 --methods astar",
         "--terrain in/dem.npz --sizes 16 --queries 1 --repeats 1 --methods astar,corridor",

@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 
 from nnpp_edge.profiling.evaluate import evaluate
-from nnpp_edge.profiling.rivals import exact_and, narrow_corridor
+from nnpp_edge.profiling.rivals import controls, exact_and
 from nnpp_edge.profiling.suites import TerrainFiles, terrain_cases
 from nnpp_edge.runtime import Ground, NetworkModel, Planner, Status
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.synthetic import synthetic_terrain
 
+METHODS = ("astar", "corridor", "nnpp", "corridor-narrow", "nnpp-untrained")
 KEYS = (
     "workload size method n success_raw success gap_mean gap_p95 gap_p99 gap_max time_ms_median "
     "time_ms_p99 speedup_median speedup_total expansions_median region_share_mean widened_share "
@@ -41,7 +42,7 @@ def test_a_row_for_each_workload_size_and_planner(nnpp_edge, terrain, tiny_model
     rows = ended.json
     named = [f"{row['workload']} {row['size']} {row['method']}" for row in rows]
     places = [f"{name} {size}" for name in ("soft", "limit15") for size in (64, 128)]
-    assert named == [f"{at} {method}" for at in places for method in ("astar", "corridor", "nnpp")]
+    assert named == [f"{at} {method}" for at in places for method in METHODS]
     for row in rows:
         assert set(row) >= {*KEYS.split()}
         assert (row["n"], row["success"]) == (12, 1.0)
@@ -61,8 +62,7 @@ def test_a_fresh_map_is_timed_from_its_elevations_on(nnpp_edge, terrain, tiny_mo
     ended = nnpp_edge("evaluate", terrain, *words, "--json")
     assert ended.code == 0, ended.err
     rows = {row["method"]: row for row in ended.json}
-    names = ("astar", "corridor", "nnpp", "corridor-narrow")
-    assert list(rows) == [each for name in names for each in (name, f"{name}-eager")]
+    assert list(rows) == [each for name in METHODS for each in (name, f"{name}-eager")]
     for row in rows.values():
         assert (
             set(row) >= {*KEYS.split()}
@@ -71,13 +71,13 @@ def test_a_fresh_map_is_timed_from_its_elevations_on(nnpp_edge, terrain, tiny_mo
         assert 0.0 < row["fresh_ms_median"] <= row["fresh_ms_p99"]
         assert 0.0 < row["costs_computed_mean"] <= 1.0
         assert -1e-5 <= row["fresh_gap_mean"] <= row["fresh_gap_p99"] + 1e-9
-    for name in names:
+    for name in METHODS:
         lazy = rows[name]
         eager = rows[f"{name}-eager"]
         assert eager["costs_computed_mean"] == 1.0
         assert lazy["fresh_gap_mean"] == pytest.approx(eager["fresh_gap_mean"], abs=1e-6)
         assert all(lazy[key] == eager[key] for key in KEYS.split() if key != "method")
-        if name != "nnpp":  # whose lazy planner shows the network a sample of the map
+        if not name.startswith("nnpp"):  # whose lazy planner shows the network a sample of the map
             assert lazy["gap_mean"] == pytest.approx(lazy["fresh_gap_mean"], abs=1e-6)
     assert rows["astar-eager"]["fresh_speedup_median"] == 1.0
     table = nnpp_edge("evaluate", terrain, *words, "--markdown").out
@@ -85,21 +85,27 @@ def test_a_fresh_map_is_timed_from_its_elevations_on(nnpp_edge, terrain, tiny_mo
         assert word in table
 
 
-def test_the_narrow_corridor_is_the_learned_regions_without_a_network(terrain):
+def test_the_narrow_corridor_is_the_learned_regions_without_a_network():
     """It searches no more than the usual corridor, and where that is too narrow it widens and looks
-    everywhere.
+    everywhere. An untrained network, whose region is the whole map, finds the same paths.
     """
-    case = next(terrain_cases(TerrainFiles((terrain,)).read(), "soft", 160))
-    narrow = narrow_corridor().planner(Ground(case.cost))
+    case = next(terrain_cases(TerrainFiles.or_sample(()).read(), "soft", 256))
+    bands, untrained = controls()
+    narrow = bands.planner(Ground(case.cost))
+    other_control = untrained.planner(Ground(case.cost))
+    probability = untrained.model.answer((5.0, 6.0), (50.0, 40.0))
+    assert probability.min() > untrained.model.metadata.region_factor * probability.max()
     usual = Planner(case.cost)
     for start, goal in case.queries:
         plan = narrow.plan(start, goal, method="corridor", keep_regions=True)
         other = usual.plan(start, goal, method="corridor", keep_regions=True)
         assert plan.ok and plan.region.area() <= other.region.area()
         assert plan.cost >= plan.lower_bound * (1.0 - 1e-6)
+        same = untrained.plan(other_control, (start, goal))
+        assert same.method == "nnpp" and same.cost == pytest.approx(plan.cost)
     walled = case.cost.copy()
     walled[:, 80] = np.inf
-    shut_in = narrow_corridor().planner(Ground(walled))
+    shut_in = bands.planner(Ground(walled))
     assert shut_in.plan((4, 4), (4, 150), method="corridor").status == Status.NO_PATH
 
 

@@ -79,7 +79,7 @@ def test_a_planner_that_checks_all_poses_first_is_the_control_on_a_fresh_map(jud
     ended = judged("--workload", "body", "--fresh-map", "--json")
     assert ended.code == 0, ended.err
     rows = {row["method"]: row for row in ended.json}
-    names = ("astar", "corridor", "corridor-narrow")
+    names = ("astar", "corridor")
     assert list(rows) == [name + end for name in names for end in ("", "-eager")]
     for name in names:
         lazy = rows[name]

@@ -158,7 +158,9 @@ def test_both_halves_ask_the_same_and_costs_are_those_of_the_public_planner(meas
     at = {PLACE(row): row for row in told}
     exact = at["soft", 96, "astar"]
     assert (exact["speedup_total"], exact["gap_max"]) == (1.0, 0.0)
-    assert at["soft", 96, "nnpp"]["int8_speedup"] > 0.0
+    int8 = at["soft", 96, "nnpp"]
+    fp32_ms = at["soft", 96, "nnpp-fp32"]["inference_ms_median"]
+    assert int8["int8_speedup"] == pytest.approx(fp32_ms / int8["inference_ms_median"])
     assert at["soft", 96, "auto"]["inference_fps"] is None
 
 

@@ -44,13 +44,6 @@ def test_an_interval_holds_the_mean_difference_and_is_half_as_wide_on_four_times
     assert widths[0] / widths[1] == pytest.approx(2.0, rel=0.2)
 
 
-def test_the_same_answers_show_no_difference_however_they_vary():
-    same = answers([0.0, 0.02, 0.4], [1.0, 9.0, 3.0])
-    found = beside("edge", same, same)
-    assert found.gap_points == Interval(0.0, 0.0, 0.0)
-    assert found.judgement == ALIKE
-
-
 @pytest.mark.parametrize(
     ("gap", "speed", "wanted"),
     [

@@ -154,6 +154,7 @@ format='other' | format
 channels=('start_map', 'cost', 'goal_map') | channels
 encoding='sine' | encoding
 blocks=7 | go together
+encoding='ends', channels=('cost', 'blocked', 'ends'), head=(1, 1, 1) | go together
 region_factor=0.0 | region_factor
 """
 

@@ -8,6 +8,7 @@ gap 0.29 % (0.77, 0.48, 0.64 %); mean difference from the file before quantisati
 0.16, 0.03).
 """
 
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
@@ -104,3 +105,17 @@ def test_int8_answers_as_the_network_did_before(answers):
         )
         > 0.99
     )
+
+
+def test_an_encoder_runs_once_for_each_map():
+    model = NetworkModel("edge")
+    runs = []
+    run = model.session.run_with_iobinding
+    model.session = SimpleNamespace(run_with_iobinding=lambda *words: runs.append(run(*words)))
+    for maps in (1, 2):
+        model.set_map(np.full((2, 64, 64), 0.2 * maps, np.float32))
+        for goal in ((3.0, 60.0), (50.0, 9.5)):
+            answer = model.answer((1.0, 2.0), goal).copy()
+        assert len(runs) == 2 * maps - 1
+        np.testing.assert_array_equal(model.answer((1.0, 2.0), goal, anew=True), answer)
+        assert len(runs) == 2 * maps

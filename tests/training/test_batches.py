@@ -10,10 +10,8 @@ import numpy as np
 import pytest
 import torch
 
-from nnpp_edge.model.encoding import encode_ends, encode_gaussians
 from nnpp_edge.model.network import Network
-from nnpp_edge.model.registry import PRESETS, Spec
-from nnpp_edge.runtime.network import encoding as at_run_time
+from nnpp_edge.model.registry import Spec
 from nnpp_edge.terrain.dataset import GrowingSet, make_dataset, read_samples
 from nnpp_edge.terrain.known import KnownMaps
 from nnpp_edge.training import train as training
@@ -56,24 +54,6 @@ def batches(request, samples, known):
 def alike(one, other):
     pairs = zip(one, other, strict=True)
     return all(torch.equal(*map(torch.nan_to_num, each)) for each in pairs)
-
-
-@pytest.mark.parametrize("name", ["edge", "nnpp"])
-def test_queries_are_encoded_as_at_run_time(name):
-    spec = PRESETS[name]
-    last = spec.input_size - 1
-    ends = np.random.default_rng(2).uniform(0, last, (9, 2, 2)).astype(np.float32)
-    if name == "edge":
-        found = encode_ends(spec, torch.from_numpy(ends))
-        encode = at_run_time.encode_ends
-    else:
-        found = torch.empty(9, 2, last + 1, last + 1)
-        encode_gaussians(spec, torch.from_numpy(ends), found)
-        encode = at_run_time.encode_gaussian
-    wanted = np.empty(found.shape[1:], np.float32)
-    for own, (start, goal) in zip(found.numpy(), ends.tolist(), strict=True):
-        encode(start, goal, spec.sigma * spec.input_size, wanted)
-        np.testing.assert_allclose(own, wanted, atol=2e-6)
 
 
 def test_coarse_maps_are_turned_as_if_encoded_in_their_position(known):

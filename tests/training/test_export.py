@@ -1,21 +1,18 @@
 """The exported model: its answers, its metadata, and how it is written."""
 
 import re
-from dataclasses import replace
 from types import SimpleNamespace
 
 import msgspec
-import numpy as np
 import onnx
 import pytest
 import torch
 from torch import nn
 
-from nnpp_edge import __version__
 from nnpp_edge.export.to_onnx import dataset_facts, export_network, parity
 from nnpp_edge.model.network import Network
 from nnpp_edge.model.registry import Spec
-from nnpp_edge.runtime import NetworkModel, Traversability
+from nnpp_edge.runtime import NetworkModel
 from nnpp_edge.runtime.errors import DataSetError, ModelError
 from nnpp_edge.terrain.shards import Recipe
 from nnpp_edge.training.checkpoint import Checkpoint, Progress, TrainSettings, load_checkpoint
@@ -73,20 +70,6 @@ def edge_model(tmp_path_factory):
     return file
 
 
-def test_an_encoder_runs_once_for_each_map(edge_model):
-    model = NetworkModel(edge_model)
-    runs = []
-    run = model.session.run_with_iobinding
-    model.session = SimpleNamespace(run_with_iobinding=lambda *words: runs.append(run(*words)))
-    for maps in (1, 2):
-        model.set_map(np.full((2, 64, 64), 0.2 * maps, np.float32))
-        for goal in ((3.0, 60.0), (50.0, 9.5)):
-            answer = model.answer((1.0, 2.0), goal).copy()
-        assert len(runs) == 2 * maps - 1
-        np.testing.assert_array_equal(model.answer((1.0, 2.0), goal, anew=True), answer)
-        assert len(runs) == 2 * maps
-
-
 def test_a_head_that_is_not_its_graphs_is_refused(edge_model, tmp_path):
     model = onnx.load(edge_model)
     network = lived_in(EDGE)
@@ -96,15 +79,6 @@ def test_a_head_that_is_not_its_graphs_is_refused(edge_model, tmp_path):
     held.CopyFrom(onnx.numpy_helper.from_array(numbers, held.name))
     onnx.save(model, tmp_path / "other.onnx")
     with pytest.raises(ModelError, match="not those of its graph"):
-        NetworkModel(tmp_path / "other.onnx")
-
-
-def test_blocks_that_do_not_fit_the_places_are_refused(edge_model, tmp_path):
-    model = onnx.load(edge_model)
-    (facts,) = model.metadata_props
-    facts.value = facts.value.replace('"blocks": 16', '"blocks": 8')
-    onnx.save(model, tmp_path / "other.onnx")
-    with pytest.raises(ModelError, match="that do not go together"):
         NetworkModel(tmp_path / "other.onnx")
 
 
@@ -126,27 +100,6 @@ def test_another_network_is_noticed_and_maps_of_another_size_are_refused(exporte
     assert not parity(other, exported.file).passed
     with pytest.raises(DataSetError, match="wanted maps of"):
         parity(exported.network, exported.file, enlarged(samples, 2 * exported.spec.input_size))
-
-
-def test_metadata_comes_back_from_the_file(exported):
-    found = NetworkModel(exported.file).metadata
-    spec = exported.spec
-    wanted = {
-        "name": "small",
-        "architecture": spec.architecture,
-        "precision": "fp32",
-        "version": __version__,
-        "input_size": spec.input_size,
-        "blocks": spec.blocks,
-        "encoding": spec.encoding,
-        "sigma": 0.25,
-        "omega": 0.011,
-        "region_factor": 0.4,
-        "head": (12, 9, 7) if spec.architecture == "edge" else (),
-    }
-    assert found == replace(found, **wanted)
-    assert Traversability(**found.cost_limits) == Traversability()
-    assert [found.training[name] for name in ("steps", "seconds", "of")] == [7, 1.5, "us"]
 
 
 def test_the_file_is_whole_folded_and_free_of_local_paths(exported):

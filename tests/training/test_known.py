@@ -6,8 +6,7 @@ import pytest
 from nnpp_edge.calibrate.quantize import quantize
 from nnpp_edge.export.to_onnx import export_network, parity
 from nnpp_edge.model.registry import Spec
-from nnpp_edge.runtime.errors import DataSetError
-from nnpp_edge.runtime.network.priors import prices_by
+from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError
 from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost
 from nnpp_edge.terrain.dataset import make_dataset, read_known, read_samples
 from nnpp_edge.terrain.known import CERTAIN, fitted_slope, known_map
@@ -60,11 +59,8 @@ def test_a_network_from_data_set_to_int8(folder, tmp_path):
     int8 = tmp_path / "int8.onnx"
     export_network(network, fp32, name="small")
     assert parity(network, fp32).passed
-    report = quantize(fp32, folder, int8, samples=6)
-    assert report.quantised == 10
+    report = quantize(fp32, folder, int8, validation=folder, samples=6)
+    assert sum(layer.quantised for layer in report.layers) == 10
     assert report.compared.mean_difference < 0.02
-    dem = 20.0 * np.random.default_rng(1).random((50, 40), np.float32)
-    exact, rounded = (
-        prices_by("network", dem, Traversability(), 16.0, 8, model) for model in (fp32, int8)
-    )
-    assert rounded == pytest.approx(exact, abs=0.1)
+    with pytest.raises(InvalidQueryError, match="--most-gap is for networks that answer queries"):
+        quantize(fp32, folder, int8, validation=folder, most_gap=0.1)

@@ -18,13 +18,13 @@ import torch
 
 from nnpp_edge.model.encoding import encode_ends
 from nnpp_edge.model.network import Network
-from nnpp_edge.model.registry import PRESETS, Spec
+from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError, ModelError
 from nnpp_edge.terrain.dataset import read_samples
 from nnpp_edge.training.batches import Batches
 from nnpp_edge.training.checkpoint import Checkpoint, Progress, load_checkpoint
 from nnpp_edge.training.train import Processes, TrainSettings, train
-from nnpp_edge.training.validation import Judgement, Validator
+from nnpp_edge.training.validation import Validator
 from tests.training.conftest import RECIPE, SMALL, VALIDATED_AFTER, enlarged
 
 ROOT = Path(__file__).parent.parent.parent
@@ -46,8 +46,8 @@ def test_the_loss_falls_and_validation_searches(trained):
     saved = load_checkpoint(trained.folder / "last.pt")
     assert "loss" not in history[0]
     assert history[-1]["loss"] < 0.8 * history[1]["loss"]
-    assert 0.0 <= history[-1]["gap@0.25"] < 0.2
-    assert history[-1]["region_share@1"] < history[-1]["region_share@0.25"]
+    assert 0.0 <= history[-1]["gap@0.2"] < 0.2
+    assert history[-1]["region_share@1"] < history[-1]["region_share@0.2"]
     assert saved.progress.epoch == VALIDATED_AFTER[-1]
     assert saved.progress.history == history
     assert not saved.trained().training
@@ -146,39 +146,6 @@ def test_a_run_may_begin_with_anothers_weights_and_keeps_what_it_began_with(
     assert facts["begun_with"] == theirs.facts()
 
 
-@pytest.fixture
-def worsening(monkeypatch):
-    """Validations find the second weights best, and ever worse ones after them."""
-    scores = itertools.chain([0.5, 0.1], itertools.count(0.2, 0.1))
-
-    def judge(*_):
-        return [Judgement(0.5, 1.0, 0.0, 0.1, 0.1, next(scores))]
-
-    monkeypatch.setattr(Validator, "judge", judge)
-
-
-def test_the_best_weights_are_kept_and_a_training_that_gets_worse_says_so(
-    samples, tmp_path, worsening
-):
-    last = run(samples, tmp_path, steps=8, validations=8, learning_rate=1e-2)
-    best = load_checkpoint(tmp_path / "best.pt")
-    assert (best.progress.step, last.progress.step) == (1, 8)
-    assert best.facts()["of_steps"] == 8
-    assert any(not torch.equal(best.average[name], last.average[name]) for name in last.average)
-    progress = last.progress
-    losses = iter([0.5, 0.4, 0.3, 0.25, 0.2, 0.2, 0.2, 0.1])
-    progress.history[1:] = [{**row, "loss": next(losses)} for row in progress.history[1:]]
-    assert "got worse since step 1 of 8 (score 0.1000 → 0.8000)" in progress.warning()
-    progress.history[-1]["loss"] = 0.6
-    assert not progress.warning()
-
-
-def test_a_training_ends_early_where_that_is_asked_for(samples, tmp_path, worsening):
-    ended = run(samples, tmp_path, steps=8, validations=8, patience=2).progress
-    assert (ended.step, ended.steps) == (3, 8)
-    assert run(samples, tmp_path, steps=8, validations=8, patience=2).progress.step == 3
-
-
 def test_weights_of_another_network_are_refused(samples, trained, tmp_path):
     narrow = Spec("edge", 64, options={"widths": (8, 8, 8, 8), "stem": 8})
     with pytest.raises(ModelError, match="wanted weights for"):
@@ -266,17 +233,6 @@ def test_the_papers_targets_are_the_blocks_of_the_path(samples):
     assert target.mean() < 0.2
 
 
-def test_two_processes_share_out_the_very_samples_of_one(samples):
-    settings = TrainSettings(batch=8, seed=3)
-    whole = Batches(samples, SMALL, settings)
-    parts = [Batches(samples, SMALL, settings, rank=rank, world=2) for rank in range(2)]
-    epochs = zip(whole.epoch(1), *(part.epoch(1) for part in parts), strict=True)
-    for batch, *shares in epochs:
-        for rank, share in enumerate(shares):
-            for array, part in zip(batch, share, strict=True):
-                np.testing.assert_array_equal(array[rank::2], part)
-
-
 IN_TWO_PROCESSES = """
 import sys
 from pathlib import Path
@@ -349,18 +305,6 @@ def test_only_the_first_process_prints_and_draws(nnpp_edge, dataset, tmp_path, m
     assert not (tmp_path / "curves.png").exists()
     monkeypatch.setenv("RANK", "0")
     assert nnpp_edge(*words).json["history"][0]["loss"] == 0.5
-
-
-@pytest.mark.parametrize("name", PRESETS)
-def test_a_preset_can_be_built(name):
-    spec = PRESETS[name]
-    unseen = spec.encoding == "unseen"
-    with torch.device("meta"):
-        network = Network(spec).eval()
-        maps = torch.zeros(1, 12 if unseen else 2, spec.input_size, spec.input_size)
-        facts = torch.zeros(1, 2, 2)
-    shape = (3, spec.blocks, spec.blocks) if unseen else (spec.blocks, spec.blocks)
-    assert network(*network.shown(maps, facts)).shape == (1, *shape)
 
 
 def test_an_architecture_that_does_not_exist_is_refused():

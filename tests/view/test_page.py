@@ -134,7 +134,9 @@ def test_a_drag_moves_the_path_and_says_how_fast(tab):
     goal = tab.cell("goal")
     assert ends_of(before) == (tab.cell("start"), goal)
     tab.drag("goal", (-90, -160))
-    tab.until("/path follows in \\d+ ms/.test(document.querySelector('#latency').textContent)")
+    tab.until(
+        "/the screen follows in \\d+ ms/.test(document.querySelector('#latency').textContent)"
+    )
     tab.until("document.querySelector('#busy').hidden")
     row, col = tab.cell("goal")
     assert row < goal[0] - 10 and col < goal[1] - 20
