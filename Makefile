@@ -119,7 +119,7 @@ docs: $(DOCS)/ready
 
 $(ROS)/ready: pyproject.toml
 	$(PYTHON) -m venv $(ROS)
-	$(ROS)/bin/pip install --quiet --disable-pip-version-check --editable '.[ros]' pytest hypothesis
+	$(ROS)/bin/pip install --quiet --disable-pip-version-check --editable '.[ros,test]'
 	touch $@
 
 ros: $(ROS)/ready
