@@ -41,6 +41,7 @@ __all__ = [
     "OccupancyGrid",
     "arc_poses",
     "as_occupancy",
+    "cloud_patch",
     "grid_map_patch",
     "occupancy_patch",
     "path_poses",
@@ -52,6 +53,10 @@ MOST_PASSABLE = 98
 BODY_TOUCHES = 99
 IMPASSABLE = 100
 """Occupancies."""
+_POINT_FORMATS = {7: "f4", 8: "f8"}
+"""By PointField's FLOAT32 and FLOAT64."""
+_FARTHEST = 1e12
+"""Cells from a frame's origin at which places within a cell still differ in 64 bits."""
 _SAME = 1e-3
 """Share of a cell's side by which two maps' cells may differ."""
 _LEVEL = (1e-3, 1e-3, 1e-3, 1.001)
@@ -71,7 +76,8 @@ class MapFrame:
     """Where the cells of a map lie in metres. Rows run along one axis, columns along the other,
     forth or back.
 
-    InvalidMapError where the resolution is not above 0, or a number is not finite.
+    InvalidMapError where the resolution is not above 0, or the corner not within 1e12 cells of the
+    frame's origin.
     """
 
     resolution: float
@@ -89,8 +95,11 @@ class MapFrame:
     def __post_init__(self) -> None:
         if not (math.isfinite(self.resolution) and self.resolution > 0.0):
             raise InvalidMapError(f"resolution must be metres above 0, got {self.resolution}")
-        if not (math.isfinite(self.x) and math.isfinite(self.y)):
-            raise InvalidMapError(f"the map's corner must be finite, got ({self.x}, {self.y})")
+        farthest = _FARTHEST * self.resolution
+        if not (abs(self.x) <= farthest and abs(self.y) <= farthest):
+            raise InvalidMapError(
+                f"the map's corner must be finite, within {farthest:g} m, got ({self.x}, {self.y})"
+            )
 
     def metres(self, cells: ArrayLike) -> Floats:
         """Points (x, y) in metres, (N, 2), of cells or places (row, col).
@@ -109,12 +118,13 @@ class MapFrame:
         """Places (row, col) of points (x, y) in metres, (N, 2); their floor is the cell, as in a
         `Pose`.
         """
-        xy = _pairs(points).astype(np.float64)
-        if not np.isfinite(xy).all():
-            raise InvalidQueryError("points must be finite metres (x, y)")
-        away = xy - (self.x, self.y)
+        away = _pairs(points).astype(np.float64) - (self.x, self.y)
         span = -away if self.rows_along_x else away[:, ::-1]
-        return np.asarray(span / self.resolution)
+        with np.errstate(over="ignore"):
+            places = np.asarray(span / self.resolution)
+        if not np.isfinite(places).all():
+            raise InvalidQueryError("points must be finite metres (x, y), and so their cells")
+        return places
 
     def cell(self, x: float, y: float) -> Cell:
         """The cell that holds a point; it may lie outside the map."""
@@ -313,6 +323,32 @@ def grid_map_patch(
     return MapPatch(row, col, **kind, keep_known=keep_known, stamp=stamp)
 
 
+@checked(InvalidMapError)
+def cloud_patch(message: object, frame: MapFrame, shape: Shape) -> MapPatch:
+    """Make the points of a sensor_msgs/PointCloud2, a message as of `OccupancyGrid.of_message`, new
+    heights for the map (H, W) that lies in `frame`.
+
+    The highest point of a cell counts, cells without one stay as they are, and points off the map
+    are left out. InvalidMapError for another message, fields x, y and z that are no floats, a frame
+    of another name, or where no point lies on the map.
+    """
+    _check_frame(_field(message, "header.frame_id"), frame)
+    x_y_z = _points(message)
+    rows, cols = np.floor(frame.places(x_y_z[:2].T)).T
+    inside = (rows >= 0) & (rows < shape[0]) & (cols >= 0) & (cols < shape[1])
+    if not inside.any():
+        wanted = f"on the map of {shape[0]} × {shape[1]} cells"
+        raise InvalidMapError(f"wanted points {wanted}, got none among {len(rows)}")
+    rows = rows[inside].astype(np.int64)
+    cols = cols[inside].astype(np.int64)
+    first = (int(rows.min()), int(cols.min()))
+    size = (int(rows.max()) - first[0] + 1, int(cols.max()) - first[1] + 1)
+    heights = np.full(size, -np.inf, np.float32)  # infinite is unseen
+    nodes = (rows - first[0]) * size[1] + cols - first[1]
+    np.maximum.at(heights.reshape(-1), nodes, x_y_z[2, inside].astype(np.float32))
+    return MapPatch(*first, elevation=heights, keep_known=True)
+
+
 def placed(values: Float2D, source: MapFrame, target: MapFrame) -> tuple[Float2D, int, int]:
     """Lay out the cells (h, w) of one map as another wants them; also row and column of the first,
     to the nearest cell.
@@ -320,10 +356,7 @@ def placed(values: Float2D, source: MapFrame, target: MapFrame) -> tuple[Float2D
     InvalidMapError where the resolutions differ by over a thousandth, as values would have to be
     mixed, which is for the sender to do; or where the maps lie in frames of two names.
     """
-    if source.frame_id and target.frame_id and source.frame_id != target.frame_id:
-        raise InvalidMapError(
-            f"wanted a map in the frame {target.frame_id!r}, got one in {source.frame_id!r}"
-        )
+    _check_frame(source.frame_id, target)
     if abs(source.resolution - target.resolution) > _SAME * target.resolution:
         raise InvalidMapError(f"wanted cells of {target.resolution} m, got {source.resolution} m")
     cells = as_map(values, "a map")
@@ -333,6 +366,14 @@ def placed(values: Float2D, source: MapFrame, target: MapFrame) -> tuple[Float2D
         cells = cells[::-1, ::-1].T
     row, col = np.rint(target.places(source.metres(first))[0])
     return np.ascontiguousarray(cells), int(row), int(col)
+
+
+def _check_frame(frame_id: str, target: MapFrame) -> None:
+    """InvalidMapError where both frames have names, and not the same."""
+    if frame_id and target.frame_id and frame_id != target.frame_id:
+        raise InvalidMapError(
+            f"wanted a map in the frame {target.frame_id!r}, got one in {frame_id!r}"
+        )
 
 
 def path_poses(
@@ -390,7 +431,7 @@ def _along(points: Floats) -> Floats:
 def _cells(length: float, side: float) -> int:
     """How many cells a map is long; 0 where that is no whole number above 0."""
     cells = length / side
-    if not math.isfinite(cells) or abs(cells - round(cells)) > _SAME * cells:
+    if abs(cells - round(cells)) > _SAME * cells:
         return 0
     return round(cells)
 
@@ -412,6 +453,32 @@ def _ring(array: object, name: str, shape: Shape) -> Float2D:
     with np.errstate(over="ignore"):  # heights beyond float32 become infinite, which is unknown
         flat = values.astype(np.float32)
     return flat.reshape(cols, rows).T if layout == by_column else flat.reshape(rows, cols)
+
+
+def _points(message: object) -> Floats:
+    """(3, N) x, y and z of a cloud's points, of those where all are finite."""
+    fields = {str(_field(each, "name")): each for each in _items(message, "fields")}
+    order = ">" if _field(message, "is_bigendian") else "<"
+    try:
+        formats = [order + _POINT_FORMATS[_whole(fields[axis], "datatype")] for axis in "xyz"]
+    except KeyError:
+        wanted = "the fields x, y and z as FLOAT32 or FLOAT64"
+        raise InvalidMapError(f"wanted {wanted}, got {shown(list(fields))}") from None
+    offsets = [_whole(fields[axis], "offset") for axis in "xyz"]
+    shape = (_whole(message, "height"), _whole(message, "width"))
+    steps = (_whole(message, "row_step"), _whole(message, "point_step"))
+    try:
+        point = np.dtype(
+            {"names": [*"xyz"], "formats": formats, "offsets": offsets, "itemsize": steps[1]}
+        )
+        cloud = np.ndarray(shape, point, memoryview(_field(message, "data")), strides=steps)
+    except (TypeError, ValueError, OverflowError):
+        cloud = None
+    if cloud is None or steps[0] < steps[1] * shape[1]:
+        wanted = f"{shape[0]} × {shape[1]} points of {steps[1]} bytes in rows of {steps[0]}"
+        raise InvalidMapError(f"wanted {wanted} as data, got others")
+    x_y_z = np.array([cloud[axis].ravel() for axis in "xyz"], np.float64)
+    return x_y_z[:, np.isfinite(x_y_z).all(axis=0)]
 
 
 def _array(values: ArrayLike) -> Float2D:

@@ -68,6 +68,11 @@ class Own(Table, frozen=True, kw_only=True):
         _Seconds, Meta(description="Likewise of the newest map or part of one; 0: any.")
     ] = 0.0
 
+    @property
+    def by_topic(self) -> bool:
+        """Whether the topic of maps says what the map is."""
+        return not (self.map_file or self.map_size_m)
+
 
 _OF_LOOP = {
     field.name: field.default

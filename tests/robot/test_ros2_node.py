@@ -1,0 +1,257 @@
+"""The node by the callbacks of its subscriptions, in this process: whatever a message holds, the loop
+goes on, or an empty path is out and a diagnostic says why.
+"""
+
+import math
+import threading
+import time
+from functools import partial
+from types import SimpleNamespace
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+import rclpy
+from geometry_msgs.msg import Pose, PoseStamped, Quaternion
+from nav_msgs.msg import MapMetaData, OccupancyGrid, Odometry, Path
+from rclpy.parameter import Parameter
+from rclpy.serialization import deserialize_message
+from std_msgs.msg import Header
+
+from nnpp_edge.robot.ros2 import node as nodes
+from nnpp_edge.robot.ros2 import session as sessions
+from nnpp_edge.robot.ros2.node import PlannerNode
+from nnpp_edge.runtime import Loop
+from tests.robot.conftest import wait_until
+
+pytestmark = pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning")  # of rosidl's
+IN_MAP = Header(frame_id="map")
+
+
+def grid(rows=40, cols=60, **info):
+    """A free map of cells of 0.25 m."""
+    fields = {"resolution": 0.25, "width": cols, "height": rows} | info
+    return OccupancyGrid(header=IN_MAP, info=MapMetaData(**fields), data=[0] * (rows * cols))
+
+
+def at(x, y, **turn):
+    pose = Pose(orientation=Quaternion(**turn))
+    pose.position.x = x
+    pose.position.y = y
+    return pose
+
+
+class Alone:
+    """A node that hears and tells this process alone: `hear` has the callbacks of its subscriptions,
+    `sent` what its publishers were given.
+    """
+
+    def __init__(self, monkeypatch):
+        self.hear = {}
+        self.sent = {}
+
+        def publisher(node, kind, topic, qos):
+            publish = self.sent.setdefault(topic, []).append
+            return SimpleNamespace(publish=publish, get_subscription_count=lambda: 1)
+
+        def subscription(node, kind, topic, hear, qos):
+            self.hear[topic] = hear
+
+        for name, replaced in (
+            ("create_lifecycle_publisher", publisher),
+            ("create_subscription", subscription),
+            ("destroy_lifecycle_publisher", lambda node, made: None),
+            ("destroy_subscription", lambda node, made: None),
+        ):
+            monkeypatch.setattr(PlannerNode, name, replaced)
+        self.node = PlannerNode()
+
+    def begin(self, **values):
+        """Run with these parameters, and whatever the age of a pose."""
+        values = {"odom_timeout_s": 0.0} | values
+        parameters = [Parameter(name, value=value) for name, value in values.items()]
+        self.node.set_parameters(parameters)
+        return self.node.trigger_configure().name, self.node.trigger_activate().name
+
+    def drive(self):
+        """Stand at one end of a room, and be sent to the other."""
+        self.stand()
+        self.hear["goal_pose"](PoseStamped(header=IN_MAP, pose=at(14.0, 1.0)))
+
+    def stand(self, pose=None):
+        odometry = Odometry(header=IN_MAP)
+        odometry.pose.pose = pose or at(1.0, 1.0)
+        self.hear["odom"](odometry)
+
+    def path(self, holds=len):
+        """The next path that is as wanted: (x, y) of its poses."""
+        self.sent["plan"].clear()
+        return self.newest(holds)
+
+    def newest(self, holds=len):
+        """Wait until the newest path is as wanted."""
+        found = [()]
+
+        def came():
+            sent = self.sent["plan"][-1:]
+            for content in sent:
+                poses = deserialize_message(content, Path).poses
+                found[0] = [(each.pose.position.x, each.pose.position.y) for each in poses]
+            return sent and holds(found[0])
+
+        wait_until(came)
+        return found[0]
+
+    def told(self, words):
+        """Wait until the newest diagnostics say so."""
+
+        def says():
+            (status,) = self.sent["/diagnostics"][-1].status
+            values = [pair.value for pair in status.values]
+            return any(words in each for each in (status.message, *values))
+
+        wait_until(lambda: self.sent["/diagnostics"] and says())
+
+
+def stopped(places):
+    return not places
+
+
+@pytest.fixture(scope="module", autouse=True)
+def ros():
+    rclpy.init()
+    yield
+    rclpy.shutdown()
+
+
+@pytest.fixture
+def alone(monkeypatch):
+    monkeypatch.setattr(sessions, "Loop", partial(Loop, status_every_s=0.05))
+    alone = Alone(monkeypatch)
+    yield alone
+    alone.node.trigger_shutdown()
+    alone.node.destroy_node()
+
+
+BAD_MAPS = (
+    (grid(resolution=math.nan), "resolution must be metres above 0, got nan"),
+    (grid(resolution=0.0), "resolution must be metres above 0, got 0.0"),
+    (grid(resolution=math.inf), "resolution must be metres above 0, got inf"),
+    (grid(20, 30, resolution=1e-9), "wanted cells of at least 0.003 m for a vehicle of 0.6 m"),
+    (grid(origin=at(1e300, 0.0)), "the map's corner must be finite, within 2.5e+11 m"),
+    (grid(origin=at(0.0, math.nan)), "the map's corner must be finite, within 2.5e+11 m"),
+    (grid(origin=at(0.0, 0.0, z=1.0, w=0.0)), "wanted a map that is not turned"),
+    (grid(origin=at(0.0, 0.0, w=math.nan)), "wanted a map that is not turned"),
+    (grid(width=0), "wanted 40 × 0 whole numbers as data"),
+    (grid(width=2**32 - 1), "wanted 40 × 4294967295 whole numbers as data"),
+)
+
+
+def test_a_map_that_is_refused_leaves_the_loop_as_it_was(alone):
+    alone.begin(radius_m=0.3)
+    alone.hear["map"](grid())
+    alone.drive()
+    before = alone.path()
+    for message, words in BAD_MAPS:
+        for _ in range(2):  # sent again it is no other
+            alone.hear["map"](message)
+            alone.told(f"map: {words}")
+            assert alone.path() == before
+        alone.hear["map"](grid())
+        alone.told("")
+    alone.hear["map"](grid(80, 100))
+    assert alone.path() == before
+
+
+class Boom(Exception):
+    """Anything that nobody has thought of."""
+
+
+def raising(*_, **__):
+    raise Boom("no more\nmemory")
+
+
+@pytest.mark.parametrize(
+    ("module", "name"),
+    [(nodes, "ground_of"), (nodes, "Navigator"), (nodes, "Session"), (sessions, "Loop")],
+)
+def test_whatever_fails_on_the_way_to_a_new_map_the_loop_before_goes_on(
+    alone, monkeypatch, module, name
+):
+    alone.begin()
+    alone.hear["map"](grid())
+    alone.drive()
+    before = alone.path()
+    other = grid(origin=at(-0.5, -0.5))
+    with monkeypatch.context() as patched:
+        patched.setattr(module, name, raising)
+        alone.hear["map"](other)
+        alone.told("map: Boom: no more memory")
+        assert alone.path() == before
+    alone.hear["map"](other)
+    assert alone.path() == before
+    assert alone.node.session.frame.x == -0.5
+
+
+def test_without_a_loop_an_empty_path_is_out_at_once_and_a_diagnostic_says_why(alone, monkeypatch):
+    assert alone.begin() == ("SUCCESS", "SUCCESS")
+    alone.told("waiting for a map")
+    assert alone.newest(stopped) == []
+    alone.hear["map"](grid(resolution=0.0))
+    alone.told("waiting for a map; map: resolution must be")
+    alone.hear["map"](grid())
+    alone.drive()
+    assert alone.newest()
+    for other, owner, name, words in (
+        (grid(80, 100), threading.Thread, "start", "map: Boom: no more memory"),
+        (grid(90, 100), Loop, "run", "the loop has ended: Boom: no more memory"),
+    ):
+        with monkeypatch.context() as patched:
+            patched.setattr(owner, name, raising)
+            alone.hear["map"](other)
+            alone.told(words)
+        assert alone.newest(stopped) == []
+        alone.hear["map"](other)
+        assert alone.newest()
+
+
+BAD_POSES = (
+    (at(1.0, 1.0, w=0.0), "wanted a pose with a unit quaternion"),
+    (at(1.0, 1.0, w=math.nan), "wanted a pose with a unit quaternion"),
+    (at(math.inf, 1.0), "wanted a pose at finite metres"),
+)
+
+
+def test_a_pose_that_is_refused_makes_the_one_before_no_younger(alone):
+    alone.begin(odom_timeout_s=1.0)
+    alone.hear["map"](grid())
+    alone.drive()
+    assert alone.path()
+    for pose, words in BAD_POSES:
+        alone.stand(pose)
+        alone.told(f"odom: {words}")
+    patience = time.monotonic() + 10.0
+    while time.monotonic() < patience and alone.newest(lambda places: True):
+        alone.stand(BAD_POSES[0][0])
+    alone.told("NO_POSE: the newest pose is 1.")
+    alone.stand(at(1e300, 1.0))
+    alone.told("START_OUTSIDE_MAP: the map has (40, 60) cells")
+    alone.stand()
+    assert alone.newest()
+
+
+def test_a_map_that_is_too_old_stops_who_follows_though_poses_come(alone):
+    alone.begin(map_timeout_s=0.5)
+    alone.hear["map"](grid())
+    alone.drive()
+    assert alone.path()
+    until = time.monotonic() + 10.0
+    while time.monotonic() < until and alone.newest(lambda places: True):
+        alone.stand()
+    for _ in range(20):
+        alone.stand()
+        assert alone.newest(stopped) == []
+    alone.told("NO_POSE: the newest map is ")
+    alone.hear["map"](grid())
+    assert alone.newest()
