@@ -19,7 +19,7 @@ that the robot's body would touch, and is read as impassable.
 
 import io
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -53,7 +53,7 @@ MOST_PASSABLE = 98
 BODY_TOUCHES = 99
 IMPASSABLE = 100
 """Occupancies."""
-_POINT_FORMATS = {7: "f4", 8: "f8"}
+_POINTS = {7: "f4", 8: "f8"}
 """By PointField's FLOAT32 and FLOAT64."""
 _FARTHEST = 1e12
 """Cells from a frame's origin at which places within a cell still differ in 64 bits."""
@@ -293,16 +293,10 @@ class GridMap:
 
 
 @checked(InvalidMapError)
-def occupancy_patch(
-    grid: OccupancyGrid,
-    frame: MapFrame,
-    *,
-    keep_known: bool = True,
-    stamp: float = 0.0,
-) -> MapPatch:
+def occupancy_patch(grid: OccupancyGrid, frame: MapFrame, *, keep_known: bool = True) -> MapPatch:
     """Make an occupancy grid new costs for the map that lies in `frame`; see `placed`."""
     values, row, col = placed(grid.cost(), grid.frame, frame)
-    return MapPatch(row, col, cost=values, keep_known=keep_known, stamp=stamp)
+    return MapPatch(row, col, cost=values, keep_known=keep_known)
 
 
 @checked(InvalidMapError)
@@ -313,14 +307,14 @@ def grid_map_patch(
     *,
     cost: bool = False,
     keep_known: bool = True,
-    stamp: float = 0.0,
 ) -> MapPatch:
     """Make a grid map's layer new heights, or new costs, for the map that lies in `frame`; see
     `placed`.
     """
     values, row, col = placed(grid.layer(layer), grid.frame, frame)
-    kind = {"cost" if cost else "elevation": values}
-    return MapPatch(row, col, **kind, keep_known=keep_known, stamp=stamp)
+    if cost:
+        return MapPatch(row, col, cost=values, keep_known=keep_known)
+    return MapPatch(row, col, values, keep_known=keep_known)
 
 
 @checked(InvalidMapError)
@@ -334,19 +328,18 @@ def cloud_patch(message: object, frame: MapFrame, shape: Shape) -> MapPatch:
     """
     _check_frame(_field(message, "header.frame_id"), frame)
     x_y_z = _points(message)
-    rows, cols = np.floor(frame.places(x_y_z[:2].T)).T
-    inside = (rows >= 0) & (rows < shape[0]) & (cols >= 0) & (cols < shape[1])
+    cells = np.floor(frame.places(x_y_z[:2].T)).T
+    inside = ((cells >= 0) & (cells < np.reshape(shape, (2, 1)))).all(axis=0)
     if not inside.any():
-        wanted = f"on the map of {shape[0]} × {shape[1]} cells"
-        raise InvalidMapError(f"wanted points {wanted}, got none among {len(rows)}")
-    rows = rows[inside].astype(np.int64)
-    cols = cols[inside].astype(np.int64)
-    first = (int(rows.min()), int(cols.min()))
-    size = (int(rows.max()) - first[0] + 1, int(cols.max()) - first[1] + 1)
-    heights = np.full(size, -np.inf, np.float32)  # infinite is unseen
-    nodes = (rows - first[0]) * size[1] + cols - first[1]
+        raise InvalidMapError(f"wanted points on a map of {shape} cells, got none there")
+    cells = cells[:, inside].astype(np.int64)
+    first = cells.min(axis=1)
+    rows, cols = cells - first[:, None]
+    heights = np.full((rows.max() + 1, cols.max() + 1), -np.inf, np.float32)  # inf: unseen
+    nodes = rows * heights.shape[1] + cols
     np.maximum.at(heights.reshape(-1), nodes, x_y_z[2, inside].astype(np.float32))
-    return MapPatch(*first, elevation=heights, keep_known=True)
+    row, col = first.tolist()
+    return MapPatch(row, col, heights, keep_known=True)
 
 
 def placed(values: Float2D, source: MapFrame, target: MapFrame) -> tuple[Float2D, int, int]:
@@ -376,22 +369,14 @@ def _check_frame(frame_id: str, target: MapFrame) -> None:
         )
 
 
-def path_poses(
-    path: Cells,
-    frame: MapFrame,
-    headings_deg: Sequence[float] | Floats = (),
-) -> Floats:
+def path_poses(path: Cells, frame: MapFrame) -> Floats:
     """The poses (N, 3) of a path's cells (N, 2), as nav_msgs/Path wants them: x, y and heading.
 
     x and y are those of the cells' middles in metres; the heading is in radians, counted from x
-    towards y: to the next cell, and at the end as it was before; of a body that drives arcs its
-    own, by `headings_deg` (N,), clockwise from up the rows. Its quaternion has z = sin(heading / 2)
-    and w = cos(heading / 2).
+    towards y: to the next cell, and at the end as it was before. Its quaternion has z =
+    sin(heading / 2) and w = cos(heading / 2).
     """
-    points = frame.metres(np.asarray(path, np.int64).reshape(-1, 2))
-    if len(headings_deg):
-        return np.column_stack([points, frame.yaw_rad(headings_deg)])
-    return _along(points)
+    return _along(frame.metres(np.asarray(path, np.int64).reshape(-1, 2)))
 
 
 def arc_poses(answer: PathMessage | Plan, frame: MapFrame) -> Floats:
@@ -458,25 +443,25 @@ def _ring(array: object, name: str, shape: Shape) -> Float2D:
 def _points(message: object) -> Floats:
     """(3, N) x, y and z of a cloud's points, of those where all are finite."""
     fields = {str(_field(each, "name")): each for each in _items(message, "fields")}
-    order = ">" if _field(message, "is_bigendian") else "<"
+    names = ("height", "width", "row_step", "point_step", "is_bigendian", "data")
+    rows, cols, row_step, step, swapped, data = (_field(message, name) for name in names)
     try:
-        formats = [order + _POINT_FORMATS[_whole(fields[axis], "datatype")] for axis in "xyz"]
-    except KeyError:
-        wanted = "the fields x, y and z as FLOAT32 or FLOAT64"
-        raise InvalidMapError(f"wanted {wanted}, got {shown(list(fields))}") from None
-    offsets = [_whole(fields[axis], "offset") for axis in "xyz"]
-    shape = (_whole(message, "height"), _whole(message, "width"))
-    steps = (_whole(message, "row_step"), _whole(message, "point_step"))
-    try:
+        if row_step < cols * step:
+            raise ValueError("rows that overlap")
         point = np.dtype(
-            {"names": [*"xyz"], "formats": formats, "offsets": offsets, "itemsize": steps[1]}
-        )
-        cloud = np.ndarray(shape, point, memoryview(_field(message, "data")), strides=steps)
-    except (TypeError, ValueError, OverflowError):
-        cloud = None
-    if cloud is None or steps[0] < steps[1] * shape[1]:
-        wanted = f"{shape[0]} × {shape[1]} points of {steps[1]} bytes in rows of {steps[0]}"
-        raise InvalidMapError(f"wanted {wanted} as data, got others")
+            {
+                "names": list("xyz"),
+                "formats": [_POINTS[_field(fields[axis], "datatype")] for axis in "xyz"],
+                "offsets": [_field(fields[axis], "offset") for axis in "xyz"],
+                "itemsize": step,
+            }
+        ).newbyteorder(">" if swapped else "<")
+        cloud = np.ndarray((rows, cols), point, memoryview(data), strides=(row_step, step))
+    except (KeyError, TypeError, ValueError, OverflowError):
+        raise InvalidMapError(
+            f"wanted {rows} × {cols} points of {step} bytes with x, y and z as FLOAT32 or FLOAT64, "
+            f"got others, with {shown(list(fields))}"
+        ) from None
     x_y_z = np.array([cloud[axis].ravel() for axis in "xyz"], np.float64)
     return x_y_z[:, np.isfinite(x_y_z).all(axis=0)]
 

@@ -1,8 +1,6 @@
 """The loop's answers as topics. Long ones are written as bytes by NumPy, which holds nobody up."""
 
-import threading
-from collections.abc import Mapping
-from dataclasses import asdict
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,18 +8,17 @@ import numpy as np
 from nnpp_edge.robot.ros2 import Ros
 from nnpp_edge.robot.ros2.frames import Place
 from nnpp_edge.robot.ros2.inputs import message_type
-from nnpp_edge.robot.transports.mcap_log import is_rest
 from nnpp_edge.ros.maps import MapFrame, arc_poses
 from nnpp_edge.ros.messages import grid_message, path_message, whole_numbers_message
-from nnpp_edge.runtime.arrays import Cells, Floats
-from nnpp_edge.runtime.errors import Status
-from nnpp_edge.runtime.loop.messages import Output, PathMessage, StatusMessage
+from nnpp_edge.runtime.arrays import Floats
+from nnpp_edge.runtime.loop.messages import PathMessage
+from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.planners.plan import Plan
+from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.viz.picture import body_outlines
 
 if TYPE_CHECKING:
     from nnpp_edge.robot.ros2.node import PlannerNode
-    from nnpp_edge.robot.ros2.session import Session
 
 TOPICS = {
     "plan": "nav_msgs.msg:Path",
@@ -30,9 +27,6 @@ TOPICS = {
     "footprints": "visualization_msgs.msg:MarkerArray",
     "/diagnostics": "diagnostic_msgs.msg:DiagnosticArray",
 }
-_IDLE = (Status.OK, Status.NO_GOAL)
-_ODD = ("overruns", "degraded", "errors")
-"""Counters that are told as a warning where they have grown."""
 _LINE_M = 0.05
 """Width of a footprint's outline."""
 
@@ -48,7 +42,7 @@ def poses_of(answer: PathMessage | Plan, frame: MapFrame, goal: Place | None) ->
 
 
 class Outlet:
-    """The topics that go out; maps and the like only where somebody listens."""
+    """The topics that go out; what is long only where somebody listens."""
 
     def __init__(self, node: "PlannerNode") -> None:
         from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -63,9 +57,9 @@ class Outlet:
 
     def path(self, poses: Floats) -> None:
         """Publish poses (N, 4), see `arc_poses`; none stop who follows them."""
-        frame_id = self._node.own.global_frame
-        self.publish("plan_gears", whole_numbers_message(poses[:, 3]))
-        self.publish("plan", path_message(poses[:, :3], self.now_ns, frame_id))
+        content = path_message(poses, self.now_ns, self._node.own.global_frame)
+        self._publishers["plan_gears"].publish(whole_numbers_message(poses[:, 3]))
+        self._publishers["plan"].publish(content)
 
     def stop(self, reason: str) -> None:
         """Publish an empty path, and why."""
@@ -74,23 +68,50 @@ class Outlet:
 
     def diagnose(self, level: str, text: str, values: Mapping[str, object]) -> None:
         """Publish how the planner is; `level` is a name of DiagnosticStatus."""
-        if not self.is_heard("/diagnostics"):
-            return
-        from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
-        status = DiagnosticStatus(name="nnpp_edge: planning", message=text)
-        status.level = getattr(DiagnosticStatus, level)
-        status.values = [KeyValue(key=name, value=str(value)) for name, value in values.items()]
-        self.publish("/diagnostics", DiagnosticArray(header=self.header(), status=[status]))
+        def made() -> Ros:
+            from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
-    def publish(self, topic: str, message: Ros) -> None:
-        """Publish a message, or its bytes."""
-        self._publishers[topic].publish(message)
+            status = DiagnosticStatus(name="nnpp_edge: planning", message=text)
+            status.level = getattr(DiagnosticStatus, level)
+            status.values = [KeyValue(key=name, value=str(value)) for name, value in values.items()]
+            return DiagnosticArray(header=self._header(), status=[status])
 
-    def is_heard(self, topic: str) -> bool:
-        """Whether somebody listens."""
+        self.show("/diagnostics", made)
+
+    def costs(self, state: MapState, frame: MapFrame) -> bool:
+        """Publish what the map costs, if somebody listens; whether somebody does."""
+        return self.show("traversability", lambda: grid_message(state.cost(), frame, self.now_ns))
+
+    def footprints(
+        self, vehicle: Vehicle | None, answer: PathMessage | None, frame: MapFrame
+    ) -> None:
+        """Publish the vehicle's outlines along a path as one marker, if somebody listens."""
+
+        def made() -> Ros:
+            from geometry_msgs.msg import Point
+            from visualization_msgs.msg import Marker, MarkerArray
+
+            marker = Marker(ns="footprints", type=Marker.LINE_LIST, header=self._header())
+            marker.scale.x = _LINE_M
+            marker.color.g = marker.color.a = 1.0
+            if answer is not None and vehicle is not None:
+                sides = (frame.resolution, frame.resolution)
+                for outline in body_outlines(answer.path, vehicle, sides, answer.headings_deg):
+                    points = frame.metres(outline + 0.5)
+                    ends = np.repeat(points, 2, axis=0)[1:-1]  # each of its lines by both ends
+                    marker.points += [Point(x=x, y=y) for x, y in ends.tolist()]
+            return MarkerArray(markers=[marker])
+
+        self.show("footprints", made)
+
+    def show(self, topic: str, make: Callable[[], Ros]) -> bool:
+        """Publish what `make` makes, if somebody listens; whether somebody does."""
         found = self._publishers.get(topic)
-        return found is not None and found.get_subscription_count() > 0
+        if found is None or not found.get_subscription_count():
+            return False
+        found.publish(make())
+        return True
 
     def close(self) -> None:
         """Publish nothing more."""
@@ -102,95 +123,8 @@ class Outlet:
         """By the node's clock."""
         return self._node.get_clock().now().nanoseconds  # type: ignore[no-any-return]
 
-    def header(self) -> Ros:
-        """A header of now, in the global frame."""
+    def _header(self) -> Ros:
         from std_msgs.msg import Header
 
         stamp = self._node.get_clock().now().to_msg()
         return Header(stamp=stamp, frame_id=self._node.own.global_frame)
-
-
-class RosSink:
-    """Publishes what a session's loop answers, until `end`: a path when it is another one and once
-    a second, the rest once a second.
-    """
-
-    name = "ros"
-
-    def __init__(self, outlet: Outlet, session: "Session") -> None:
-        self._outlet = outlet
-        self._session = session
-        self._state = session.navigator.map
-        self._walked: Cells | None = None
-        self._due = False
-        self._shown_version = -1
-        self._odd: list[object] = [0, {}, {}]
-        self._publishing = threading.Lock()
-        self.ended = False
-        self.newest: PathMessage | None = None
-        """The newest answer."""
-
-    def publish(self, message: Output) -> None:
-        """Publish an answer."""
-        with self._publishing:
-            if self.ended:
-                return
-            if isinstance(message, StatusMessage):
-                self._due = True
-                self._publish_state(message)
-                return
-            self.newest = message
-            if self._due or not is_rest(message.walked, self._walked):
-                self._due = False
-                session = self._session
-                self._outlet.path(poses_of(message, session.frame, session.listener.goal))
-            self._walked = message.walked
-
-    def end(self) -> None:
-        """Publish nothing more from now on."""
-        with self._publishing:
-            self.ended = True
-
-    def _publish_state(self, message: StatusMessage) -> None:
-        self._diagnose(message)
-        version = self._state.log.version
-        if version != self._shown_version and self._outlet.is_heard("traversability"):
-            self._shown_version = version
-            content = grid_message(self._state.cost(), self._session.frame, self._outlet.now_ns)
-            self._outlet.publish("traversability", content)
-        if self._outlet.is_heard("footprints"):
-            self._outlet.publish("footprints", self._footprints())
-
-    def _footprints(self) -> Ros:
-        """The vehicle's outlines along the newest path, as one marker."""
-        from geometry_msgs.msg import Point
-        from visualization_msgs.msg import Marker, MarkerArray
-
-        marker = Marker(ns="footprints", type=Marker.LINE_LIST, header=self._outlet.header())
-        marker.scale.x = _LINE_M
-        marker.color.g = marker.color.a = 1.0
-        answer = self.newest
-        vehicle = self._state.vehicle
-        if answer is not None and vehicle is not None:
-            frame = self._session.frame
-            sides = (frame.resolution, frame.resolution)
-            for outline in body_outlines(answer.path, vehicle, sides, answer.headings_deg):
-                points = frame.metres(outline + 0.5)
-                ends = np.repeat(points, 2, axis=0)[1:-1]  # each of its lines by both ends
-                marker.points += [Point(x=x, y=y) for x, y in ends.tolist()]
-        return MarkerArray(markers=[marker])
-
-    def _diagnose(self, message: StatusMessage) -> None:
-        """The loop's counters, and how it is: an error without a path, a warning where ticks were
-        late, answers degraded or errors caught since the last one.
-        """
-        counts = asdict(message.counters)
-        odd = [counts[name] for name in _ODD]
-        level = "OK" if odd == self._odd else "WARN"
-        self._odd = odd
-        text = message.text
-        if message.outcome not in _IDLE and self.newest is not None:
-            level = "ERROR"
-            text = f"{message.outcome}: {self._session.trouble or self.newest.reason}"
-        values = {"outcome": message.outcome, "refused": self._session.listener.refused, **counts}
-        self._outlet.diagnose(level, text, values)

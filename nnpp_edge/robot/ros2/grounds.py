@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from nnpp_edge.robot.ros2.parameters import Own, ParameterError
+from nnpp_edge.profiling.profile_file import ProfileError
+from nnpp_edge.robot.ros2.parameters import Own
 from nnpp_edge.ros.maps import MapFrame, OccupancyGrid
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.errors import InvalidMapError
@@ -24,13 +25,13 @@ _MOST_CELLS = 200
 def first_ground(own: Own) -> Located | None:
     """The ground that the loop begins with; None where the topic of maps is to say.
 
-    ParameterError, TerrainError, VehicleError or InvalidMapError in one line where the parameters
+    ProfileError, TerrainError, VehicleError or InvalidMapError in one line where the parameters
     make none.
     """
     if own.by_topic:
         vehicle = _vehicle(own)
         if vehicle is not None and not vehicle.is_disc:
-            raise ParameterError("vehicle: a body needs elevations: wanted map_file or map_size_m")
+            raise ProfileError("vehicle: a body needs elevations: wanted map_file or map_size_m")
         return None
     if own.map_file:
         heights, frame = _laid_out(read_dem(own.map_file), own.global_frame)
@@ -86,7 +87,7 @@ def _laid_out(dem: Dem, frame_id: str) -> tuple[Float2D, MapFrame]:
         e = d
         b = d = 0.0
     if b or d or abs(a) != abs(e):
-        raise ParameterError("map_file: wanted square cells along the axes, got others")
+        raise ProfileError("map_file: wanted square cells along the axes, got others")
     rows, cols = heights.shape
     if a < 0.0:
         heights = heights[:, ::-1]

@@ -80,10 +80,9 @@ class Listener:
 
     def overdue(self) -> str:
         """Which input is too old to go by; empty while none is."""
-        now = time.monotonic()
-        own = self._node.own
-        for what, limit_s in (("pose", own.odom_timeout_s), ("map", own.map_timeout_s)):
-            old_s = now - self._came[what]
+        for what, name in (("pose", "odom_timeout_s"), ("map", "map_timeout_s")):
+            limit_s = self._node.get_parameter(name).value
+            old_s = time.monotonic() - self._came[what]
             if limit_s and old_s > limit_s:
                 return f"the newest {what} is {old_s:.1f} s old, allowed are {limit_s:g}"
         return ""
@@ -103,7 +102,7 @@ class Listener:
         for topic, kind in TOPICS.items():
             if found := message_type(self._node, topic, kind):
                 hear = partial(self._hear, topic)
-                qos = special.get(topic, QoSProfile(depth=10))
+                qos = special.get(topic, 10)
                 made.append(self._node.create_subscription(found, topic, hear, qos))
         return made
 

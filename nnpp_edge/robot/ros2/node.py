@@ -8,7 +8,6 @@ from contextlib import suppress
 
 import numpy as np
 import rclpy
-from msgspec.structs import replace
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.signals import SignalHandlerOptions
@@ -19,7 +18,7 @@ from nnpp_edge.robot.ros2.answers import Outlet
 from nnpp_edge.robot.ros2.frames import Frames
 from nnpp_edge.robot.ros2.grounds import first_ground, ground_of
 from nnpp_edge.robot.ros2.inputs import Listener
-from nnpp_edge.robot.ros2.parameters import LIVE, Own, checked, declare, values_of
+from nnpp_edge.robot.ros2.parameters import Own, checked, declare, values_of
 from nnpp_edge.robot.ros2.questions import Questions
 from nnpp_edge.robot.ros2.session import Session
 from nnpp_edge.ros.maps import MapFrame, OccupancyGrid
@@ -52,7 +51,6 @@ class PlannerNode(LifecycleNode):
         """What it was configured with."""
         self._pace = OnboardLoop()
         self.frames = Frames(self)
-        self.add_post_set_parameters_callback(self._follow)
         self._kept: tuple[Navigator, MapFrame] | None = None
         """For the loop that begins next; None while it runs, and where the topic of maps is to say.
         """
@@ -98,15 +96,15 @@ class PlannerNode(LifecycleNode):
         self._end()
         return super().on_deactivate(state)
 
-    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Give all back that was configured."""
-        self._give_back()
-        return super().on_cleanup(state)
-
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """End the loop, and give all back."""
-        self._give_back()
-        return super().on_shutdown(state)
+        """End the loop, and give all back that was configured."""
+        self._end()
+        if self._outlet is not None:
+            self._outlet.close()
+        self._outlet = self._kept = None
+        return _DONE
+
+    on_cleanup = on_error = on_shutdown
 
     def tell_idle(self) -> None:
         """Where no loop runs, publish an empty path, and why."""
@@ -146,7 +144,7 @@ class PlannerNode(LifecycleNode):
         self.destroy_timer(self._timer)
         session = self._session
         if session is not None:
-            session.sink.end()
+            session.hush()
         self._outlet.path(np.empty((0, 4)))
         for each in self._inputs:
             each.close()
@@ -154,17 +152,6 @@ class PlannerNode(LifecycleNode):
         if session is not None and session.end():
             session.navigator.forget()
             self._kept = (session.navigator, session.frame)
-
-    def _give_back(self) -> None:
-        self._end()
-        if self._outlet is not None:
-            self._outlet.close()
-        self._outlet = self._kept = None
-
-    def _follow(self, changes: list[Ros]) -> None:
-        """Go by what may be changed while the loop runs."""
-        live = {each.name: float(each.value) for each in changes if each.name in LIVE}
-        self.own = replace(self.own, **live)
 
 
 def _executor() -> tuple[Ros, float]:

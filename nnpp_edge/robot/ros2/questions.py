@@ -158,7 +158,7 @@ class Questions:
         from rclpy.serialization import deserialize_message
 
         frame_id = self._node.own.global_frame
-        content = path_message(given.poses[:, :3], self._outlet.now_ns, frame_id)
+        content = path_message(given.poses, self._outlet.now_ns, frame_id)
         return deserialize_message(content, Path)
 
     # --- the loop's side, in the thread of the questions
@@ -169,13 +169,13 @@ class Questions:
         goal = self._place(request.goal, "a goal")
         # the tick that runs now has perhaps read its inputs: the one after it has this goal
         before = self._node.session
-        newest = before and before.sink.newest
+        newest = before and before.newest
         tick = 1 + (newest.tick if newest else 0)
         self._listener.goal = goal
         until = time.monotonic() + _PATIENCE_S
         while time.monotonic() < until:
             session = self._node.session
-            answer = session and session.sink.newest
+            answer = session and session.newest
             if session is not before:  # the loop on another map
                 before = session
                 tick = 1

@@ -1,17 +1,29 @@
-"""The loop on one map. Whoever ends it or begins another is the node."""
+"""The loop on one map. Whoever begins and ends it is the node."""
 
 import logging
 import threading
 from collections.abc import Callable, Iterator
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from nnpp_edge.profiling.profile_file import OnboardLoop
 from nnpp_edge.robot.ros2 import in_a_line
-from nnpp_edge.robot.ros2.answers import Outlet, RosSink
+from nnpp_edge.robot.ros2.answers import Outlet, poses_of
 from nnpp_edge.robot.ros2.frames import Place
+from nnpp_edge.robot.transports.mcap_log import is_rest
 from nnpp_edge.ros.maps import MapFrame, OccupancyGrid
+from nnpp_edge.runtime.arrays import Cells
+from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.loop.connections import Mailbox
-from nnpp_edge.runtime.loop.messages import Goal, Input, MapPatch, Pose
+from nnpp_edge.runtime.loop.messages import (
+    Goal,
+    Input,
+    MapPatch,
+    Output,
+    PathMessage,
+    Pose,
+    StatusMessage,
+)
 from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.loop.runner import Loop
 
@@ -19,16 +31,22 @@ if TYPE_CHECKING:
     from nnpp_edge.robot.ros2.inputs import Listener
 
 _LOG = logging.getLogger(__name__)
+_IDLE = (Status.OK, Status.NO_GOAL)
+_ODD = ("overruns", "degraded", "errors")
+"""Counters that are told as a warning where they have grown."""
 _PATIENCE_S = 5.0
 """For the loop's last tick."""
 
 
 class Session:
-    """A loop on a map, in whose cells poses and goals are put.
+    """A loop on one map, its source and its sink: poses and goals are put in the map's cells, and a
+    path goes out when it is another one and once a second, the rest once a second.
 
-    What can fail fails while it is made, so that the session before goes on where it does. Once
-    `end` is called, nothing of it goes out. `after_tick` is called in the loop's thread.
+    What can fail fails while it is made: the session before goes on then. `after_tick` is called in
+    the loop's thread.
     """
+
+    name = "ros"
 
     def __init__(
         self,
@@ -41,23 +59,27 @@ class Session:
     ) -> None:
         self.navigator = navigator
         self.frame = frame
-        self.listener = listener
-        self.trouble = ""
-        """Which input is too old to go by, as `poll` last saw it; empty while none is."""
+        self.newest: PathMessage | None = None
+        """The newest answer."""
         self.failure = ""
         """Why the loop has ended by itself; empty while it has not."""
+        self._listener = listener
         self._outlet = outlet
+        self._patches = Mailbox()
         self._robot: Place | None = None
         self._goal: Place | None = None
         """That the loop has."""
-        self._patches = Mailbox()
-        self.sink = RosSink(outlet, self)
+        self._trouble = ""
+        """Which input is too old to go by."""
+        self._walked: Cells | None = None
+        """As published; None where the next path is to be published, whatever it is."""
+        self._shown_version = -1
+        self._odd: list[object] = [0, {}, {}]
+        self._publishing = threading.Lock()
+        self._ended = False
+        tell = after_tick
         self._loop = Loop(
-            navigator,
-            self,
-            [self.sink],
-            **pace.pace(),
-            after_tick=lambda message: after_tick(self),
+            navigator, self, [self], **pace.pace(), after_tick=lambda message: tell(self)
         )
         self._thread = threading.Thread(target=self._run, name="nnpp-edge loop", daemon=True)
         self.begin = self._thread.start
@@ -65,49 +87,89 @@ class Session:
     @property
     def runs(self) -> bool:
         """Whether its answers go out."""
-        return self._thread.is_alive() and not self.sink.ended
+        return self._thread.is_alive() and not self._ended
 
     def covers(self, grid: OccupancyGrid) -> bool:
         """Whether a grid has the cells of the map."""
         return grid.frame == self.frame and grid.data.shape == self.navigator.map.shape
 
     def put(self, patch: MapPatch) -> None:
-        """Change the map; where too many patches wait, the oldest is dropped, and counted."""
+        """Change the map; where too many patches wait the oldest is dropped, and counted."""
         for _ in range(self._patches.put(patch, when_full="drop oldest")):
             self.navigator.count_error("input dropped")
 
-    def poll(self) -> Iterator[Input]:
-        """As of an `InputSource`: the newest pose and goal, also between patches. Without a pose or
-        a map that is new enough, the loop's pose is forgotten.
-        """
-        yield from self._newest()
-        for patch in self._patches.read():
-            yield patch
-            yield from self._newest()
+    def hush(self) -> None:
+        """Publish nothing more, once this returns."""
+        with self._publishing:
+            self._ended = True
 
     def end(self) -> bool:
         """Publish nothing more, and end the loop; whether its last tick ended in time."""
-        self.sink.end()
+        self.hush()
         self._loop.stop()
         if self._thread.is_alive():
             self._thread.join(_PATIENCE_S)
         return not self._thread.is_alive()
 
-    def _newest(self) -> Iterator[Input]:
-        robot = self.listener.robot
-        goal = self.listener.goal
-        self.trouble = self.listener.overdue()
-        if self.trouble:
+    # --- in the loop's thread, and its sink's
+
+    def poll(self) -> Iterator[Input]:
+        """The newest pose and goal, looked for again after each patch. Without a pose or a map that
+        is new enough, the loop's pose is forgotten.
+        """
+        yield from self._moved()
+        for patch in self._patches.read():
+            yield patch
+            yield from self._moved()
+
+    def _moved(self) -> Iterator[Input]:
+        robot = self._listener.robot
+        goal = self._listener.goal
+        frame = self.frame
+        self._trouble = self._listener.overdue()
+        if self._trouble:
             self.navigator.forget(goal=False)
             self._robot = None
         elif robot is not None and robot is not self._robot:
             self._robot = robot
-            row, col = self.frame.places((robot.x, robot.y))[0].tolist()
-            yield Pose(row, col, heading_deg=self.frame.heading_deg(robot.yaw_rad))
+            row, col = frame.places((robot.x, robot.y))[0].tolist()
+            yield Pose(row, col, heading_deg=frame.heading_deg(robot.yaw_rad))
         if goal is not None and goal is not self._goal:
             self._goal = goal
-            heading = self.frame.heading_deg(goal.yaw_rad)
-            yield Goal(*self.frame.cell(goal.x, goal.y), heading_deg=heading)
+            yield Goal(*frame.cell(goal.x, goal.y), heading_deg=frame.heading_deg(goal.yaw_rad))
+
+    def publish(self, message: Output) -> None:
+        """Publish an answer."""
+        with self._publishing:
+            if self._ended:
+                return
+            if isinstance(message, StatusMessage):
+                self._walked = None
+                self._publish_state(message)
+                return
+            self.newest = message
+            if not is_rest(message.walked, self._walked):
+                self._outlet.path(poses_of(message, self.frame, self._listener.goal))
+            self._walked = message.walked
+
+    def _publish_state(self, message: StatusMessage) -> None:
+        """How it is: an error without a path, a warning where ticks were late, answers degraded or
+        errors caught since the last one; then map and body.
+        """
+        counts = asdict(message.counters)
+        odd = [counts[name] for name in _ODD]
+        level = "OK" if odd == self._odd else "WARN"
+        self._odd = odd
+        text = message.text
+        if message.outcome not in _IDLE and self.newest is not None:
+            level = "ERROR"
+            text = f"{message.outcome}: {self._trouble or self.newest.reason}"
+        values = {"outcome": message.outcome, "refused": self._listener.refused, **counts}
+        self._outlet.diagnose(level, text, values)
+        state = self.navigator.map
+        if state.log.version != self._shown_version and self._outlet.costs(state, self.frame):
+            self._shown_version = state.log.version
+        self._outlet.footprints(state.vehicle, self.newest, self.frame)
 
     def _run(self) -> None:
         try:
@@ -115,5 +177,5 @@ class Session:
         except Exception as error:
             _LOG.exception("the loop has ended")
             self.failure = f"the loop has ended: {in_a_line(error)}"
-            self.sink.end()
+            self.hush()
             self._outlet.stop(self.failure)
