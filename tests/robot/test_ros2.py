@@ -20,18 +20,16 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.srv import GetPlan
 
-from nnpp_edge.robot.ros2.answers import RosSink
+from nnpp_edge.profiling.profile_file import OnboardLoop
 from nnpp_edge.robot.ros2.frames import Place
 from nnpp_edge.robot.ros2.questions import Questions
+from nnpp_edge.robot.ros2.session import Session
 from nnpp_edge.ros.maps import GridMap, MapFrame
 from nnpp_edge.runtime import Counters, DynamicPlanner, Ground, Navigator
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.loop.messages import StatusMessage
-from nnpp_edge.runtime.map.kinds import map_state
 from tests.robot.conftest import wait_until
 from tests.robot.ros2_types import built
 
@@ -491,7 +489,7 @@ def test_a_life_of_two_rounds_through_all_states(node, peer):
         node.odom(1.0, 1.0)
         node.goal(14.0, 1.0)
         assert len(node.path())
-        assert node.set(rate_hz=0.0) == ["rate_hz: wanted `float` >= 0.001, got 0.0"]
+        assert node.set(rate_hz=0.0) == ["rate_hz: Expected float >= 0.001, got 0.0"]
         assert node.set(radius_m=-1.0)
         assert node.set(odom_timeout_s=2.0) == []
         assert node.change(4)  # deactivate: who follows the path stops
@@ -572,21 +570,14 @@ def test_a_service_and_actions_plan_as_nav2_asks(node, peer):
 
 
 def test_a_counter_that_has_grown_is_a_warning_and_the_first_counters_are_none():
-    node = MagicMock()
-    now = node.get_clock().now()
-    now.nanoseconds = 0
-    now.to_msg.return_value = Time()
-    publisher = node.create_lifecycle_publisher.return_value
-    publisher.get_subscription_count.return_value = 1
-    sink = RosSink(node)
-    frame = MapFrame(0.25, frame_id="map")
-    sink.begin(MagicMock(frame=frame, refused={}), map_state(Ground(np.ones((4, 4), np.float32))))
+    node = MagicMock(pace=OnboardLoop())
+    navigator = Navigator(Ground(np.ones((4, 4), np.float32)), "astar")
+    session = Session(node, navigator, MapFrame(0.25))
     for late in (0, 0, 1, 1):
         counters = Counters(ticks=17, overruns=late)
-        sink.publish(StatusMessage(17, Status.OK, "OK by standing", counters))
-    published = [call.args[0] for call in publisher.publish.call_args_list]
-    levels = [each.status[0].level for each in published if isinstance(each, DiagnosticArray)]
-    assert levels == [b"\x00", b"\x00", b"\x01", b"\x00"]
+        session.publish(StatusMessage(17, Status.OK, "OK by standing", counters))
+    levels = [call.args[0] for call in node.outlet.diagnose.call_args_list]
+    assert levels == ["OK", "OK", "WARN", "OK"]
 
 
 @pytest.mark.parametrize("words", [["foo"], ["-p", "rate_hz=10"], ["--params-file", "none.yaml"]])
@@ -612,16 +603,17 @@ def test_a_planner_for_a_plan_that_is_asked_for_is_not_made_in_the_loops_thread(
     navigator = Navigator(Ground(cost), "astar")
     node = MagicMock()
     node.own.global_frame = "map"
-    source = MagicMock(frame=MapFrame(0.25, frame_id="map"), robot=Place(1.0, 1.0, 0.0))
-    questions = Questions(node, source, MagicMock(now_ns=0))
-    questions.begin(navigator)
+    node.outlet.now_ns = 0
+    node.listener.robot = Place(1.0, 1.0, 0.0)
+    session = MagicMock(navigator=navigator, frame=MapFrame(0.25, frame_id="map"))
+    questions = Questions(node)
     node.frames.place.return_value = Place(14.0, 1.0, 0.0)
     answer = node.create_service.call_args.args[2]
     asked = answer(GetPlan.Request(), GetPlan.Response())
     with pytest.raises(StopIteration) as answered:
         while True:
             asked.send(None)  # as the executor does
-            questions.after_tick()  # as the loop does
+            questions.after_tick(session)  # as the loop does
             time.sleep(0.001)
     questions.close()
     assert answered.value.value.plan.poses
@@ -669,6 +661,9 @@ def counted(node, after_s=0.0):
         stamp = message["header"]["stamp"]
         return stamp["sec"] + 1e-9 * stamp["nanosec"]
 
-    message = node.peer.wait("/diagnostics", lambda message: at(message) > after_s)
+    def counts(message):
+        return at(message) > after_s and len(message["status"][0]["values"]) > 1
+
+    message = node.peer.wait("/diagnostics", counts)
     pairs = {pair["key"]: pair["value"] for pair in message["status"][0]["values"]}
     return {"at": at(message)} | {name: int(pairs[name]) for name in ("ticks", "overruns")}

@@ -115,8 +115,8 @@ class Outlet:
 
     def close(self) -> None:
         """Publish nothing more."""
-        for publisher in self._publishers.values():
-            self._node.destroy_lifecycle_publisher(publisher)
+        while self._publishers:
+            self._node.destroy_lifecycle_publisher(self._publishers.popitem()[1])
 
     @property
     def now_ns(self) -> int:

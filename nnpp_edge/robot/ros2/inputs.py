@@ -55,13 +55,10 @@ def message_type(node: "Node", topic: str, kind: str) -> Ros:
 class Listener:
     """Subscriptions of a node. Patches are handed to its session; pose and goal are kept for the
     session to take.
-
-    `on_grid` is called with an occupancy grid that is another map than the session's.
     """
 
-    def __init__(self, node: "PlannerNode", on_grid: Callable[[OccupancyGrid], None]) -> None:
+    def __init__(self, node: "PlannerNode") -> None:
         self._node = node
-        self._on_grid = on_grid
         self._refused: dict[str, str] = {}
         """Why the newest message was refused, by topic; of those whose newest one was."""
         self._grid: OccupancyGrid | None = None
@@ -147,7 +144,7 @@ class Listener:
         session = self._node.session
         if self._node.own.by_topic and not (session and session.covers(grid)):
             came = time.monotonic()
-            self._on_grid(grid)
+            self._node.begin_on(grid)
             self._came["map"] = came
         else:
             self._put_grid(grid)

@@ -44,114 +44,105 @@ class PlannerNode(LifecycleNode):
     forgets the goal, but not the map.
     """
 
+    outlet: Outlet
+    """While it is configured."""
+    listener: Listener
+    questions: Questions
+    """While it is active, as `_timer`."""
+
     def __init__(self) -> None:
         super().__init__("nnpp_edge")
         declare(self)
         self.own = Own()
+        self.pace = OnboardLoop()
         """What it was configured with."""
-        self._pace = OnboardLoop()
         self.frames = Frames(self)
         self._kept: tuple[Navigator, MapFrame] | None = None
         """For the loop that begins next; None while it runs, and where the topic of maps is to say.
         """
-        self._outlet: Outlet | None = None
-        """While it is configured."""
         self._session: Session | None = None
-        self._inputs: tuple[Listener, Questions] | None = None
-        """While it is active."""
+        self._timer: Ros = None
 
     @property
     def session(self) -> Session | None:
         """The loop that runs; None while there is none."""
-        return self._session if self._session is not None and self._session.runs else None
+        return self._session if self._session and self._session.runs else None
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Read what parameters say, load kernels and map, and declare the topics that go out."""
         try:
-            self.own, self._pace = checked(values_of(self))
+            self.own, self.pace = checked(values_of(self))
             exercise()
             self._kept = self._first()
         except Exception as error:
             self.get_logger().error(f"cannot be configured: {in_a_line(error)}")
             return TransitionCallbackReturn.FAILURE
-        self._outlet = Outlet(self)
+        self.outlet = Outlet(self)
         return super().on_configure(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Listen, and begin the loop once there is a map."""
-        assert self._outlet is not None
         done = super().on_activate(state)
-        listener = Listener(self, self._on_grid)
-        self._inputs = (listener, Questions(self, listener, self._outlet))
+        self.listener = Listener(self)
+        self.questions = Questions(self)
         self._timer = self.create_timer(_TELL_EVERY_S, self.tell_idle)
-        kept = self._kept or self._first()
-        self._kept = None
-        if kept is not None:
+        if kept := self._kept or self._first():
             self._begin(*kept)
+        self._kept = None
         self.tell_idle()
         return done
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """End the loop, stop who follows its path, and listen no more."""
-        self._end()
+        if self._timer is not None:
+            session = self._session
+            if session is not None:
+                session.hush()
+            self.outlet.path(np.empty((0, 4)))
+            self.destroy_timer(self._timer)
+            self.listener.close()
+            self.questions.close()
+            self._timer = self._session = None
+            if session is not None and session.end():
+                session.navigator.forget()
+                self._kept = (session.navigator, session.frame)
         return super().on_deactivate(state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """End the loop, and give all back that was configured."""
-        self._end()
-        if self._outlet is not None:
-            self._outlet.close()
-        self._outlet = self._kept = None
+        self.on_deactivate(state)
+        if hasattr(self, "outlet"):
+            self.outlet.close()
+        self._kept = None
         return _DONE
 
     on_cleanup = on_error = on_shutdown
 
+    def begin_on(self, grid: OccupancyGrid) -> None:
+        """Run the loop on this map of costs from now on."""
+        self._begin(Navigator(ground_of(self.own, grid), **self.pace.planning()), grid.frame)
+
     def tell_idle(self) -> None:
         """Where no loop runs, publish an empty path, and why."""
-        if self._inputs is None or self._outlet is None or self.session is not None:
-            return
-        ended = self._session.failure if self._session is not None else ""
-        refused = self._inputs[0].refused
-        self._outlet.stop("; ".join(filter(None, (ended or "waiting for a map", refused))))
-
-    # --- the loop
+        if self.session is None:
+            ended = self._session.failure if self._session else ""
+            why = (ended or "waiting for a map", self.listener.refused)
+            self.outlet.stop("; ".join(filter(None, why)))
 
     def _first(self) -> tuple[Navigator, MapFrame] | None:
         """As the parameters say, which are checked by it."""
         located = first_ground(self.own)
-        return located and (Navigator(located[0], **self._pace.planning()), located[1])
+        return located and (Navigator(located[0], **self.pace.planning()), located[1])
 
     def _begin(self, navigator: Navigator, frame: MapFrame) -> None:
-        """Run the loop on this map from now on. The one before ends once all is made for it."""
-        assert self._inputs is not None and self._outlet is not None
-        listener, questions = self._inputs
-        made = Session(navigator, frame, listener, self._outlet, self._pace, questions.after_tick)
+        """The loop before ends once all is made for this one."""
+        made = Session(self, navigator, frame)
         if self._session is not None:
             self._session.end()
         made.begin()
         self._session = made
         shape = navigator.map.shape
-        self.get_logger().info(f"ready: {self._pace.rate_hz:g} Hz, a map of {shape} cells")
-
-    def _on_grid(self, grid: OccupancyGrid) -> None:
-        """A map of other cells has come: the loop begins anew on it."""
-        self._begin(Navigator(ground_of(self.own, grid), **self._pace.planning()), grid.frame)
-
-    def _end(self) -> None:
-        """End the loop and all that comes in."""
-        if self._inputs is None or self._outlet is None:
-            return
-        self.destroy_timer(self._timer)
-        session = self._session
-        if session is not None:
-            session.hush()
-        self._outlet.path(np.empty((0, 4)))
-        for each in self._inputs:
-            each.close()
-        self._inputs = self._session = None
-        if session is not None and session.end():
-            session.navigator.forget()
-            self._kept = (session.navigator, session.frame)
+        self.get_logger().info(f"ready: {self.pace.rate_hz:g} Hz, a map of {shape} cells")
 
 
 def _executor() -> tuple[Ros, float]:

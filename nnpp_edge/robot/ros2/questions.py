@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from nnpp_edge.robot.ros2 import Ros
-from nnpp_edge.robot.ros2.answers import Outlet, poses_of
+from nnpp_edge.robot.ros2.answers import poses_of
 from nnpp_edge.robot.ros2.frames import Place
-from nnpp_edge.robot.ros2.inputs import Listener, message_type
+from nnpp_edge.robot.ros2.inputs import message_type
 from nnpp_edge.ros.maps import MapFrame
 from nnpp_edge.ros.messages import path_message
 from nnpp_edge.runtime.arrays import Floats
@@ -62,12 +62,10 @@ class Questions:
     elsewhere, or by way of several poses, are made on a copy of the loop's planner.
     """
 
-    def __init__(self, node: "PlannerNode", listener: Listener, outlet: Outlet) -> None:
+    def __init__(self, node: "PlannerNode") -> None:
         from nav_msgs.srv import GetPlan
 
         self._node = node
-        self._listener = listener
-        self._outlet = outlet
         self._copies: deque[Future[_Copy]] = deque()
         """That are wanted of the loop's planner."""
         self._worker = ThreadPoolExecutor(1, "nnpp-edge questions")
@@ -158,7 +156,7 @@ class Questions:
         from rclpy.serialization import deserialize_message
 
         frame_id = self._node.own.global_frame
-        content = path_message(given.poses, self._outlet.now_ns, frame_id)
+        content = path_message(given.poses, self._node.outlet.now_ns, frame_id)
         return deserialize_message(content, Path)
 
     # --- the loop's side, in the thread of the questions
@@ -166,20 +164,12 @@ class Questions:
     def _to_pose(self, request: Ros) -> _Given:
         if request.use_start:
             return self._between(request.start, request.goal)
-        goal = self._place(request.goal, "a goal")
-        # the tick that runs now has perhaps read its inputs: the one after it has this goal
-        before = self._node.session
-        newest = before and before.newest
-        tick = 1 + (newest.tick if newest else 0)
-        self._listener.goal = goal
+        goal = self._node.listener.goal = self._place(request.goal, "a goal")
         until = time.monotonic() + _PATIENCE_S
         while time.monotonic() < until:
             session = self._node.session
-            answer = session and session.newest
-            if session is not before:  # the loop on another map
-                before = session
-                tick = 1
-            elif session and answer and answer.tick > tick and answer.outcome is not Status.TIMEOUT:
+            answer = session and session.answer_to(goal)
+            if session and answer and answer.outcome is not Status.TIMEOUT:
                 if answer.ok:
                     return _Given(poses_of(answer, session.frame, goal))
                 return _failed(answer.outcome, answer.reason)
@@ -194,7 +184,7 @@ class Questions:
 
     def _between(self, start: Ros, *goals: Ros, tolerance_m: float = 0.0) -> _Given:
         """A plan from a stamped pose; from the robot's own where it has no frame, or is None."""
-        begin = self._listener.robot
+        begin = self._node.listener.robot
         if start is not None and start.header.frame_id:
             begin = self._place(start, "a start")
         if begin is None:

@@ -2,13 +2,12 @@
 
 import logging
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from nnpp_edge.profiling.profile_file import OnboardLoop
 from nnpp_edge.robot.ros2 import in_a_line
-from nnpp_edge.robot.ros2.answers import Outlet, poses_of
+from nnpp_edge.robot.ros2.answers import poses_of
 from nnpp_edge.robot.ros2.frames import Place
 from nnpp_edge.robot.transports.mcap_log import is_rest
 from nnpp_edge.ros.maps import MapFrame, OccupancyGrid
@@ -28,7 +27,7 @@ from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.loop.runner import Loop
 
 if TYPE_CHECKING:
-    from nnpp_edge.robot.ros2.inputs import Listener
+    from nnpp_edge.robot.ros2.node import PlannerNode
 
 _LOG = logging.getLogger(__name__)
 _IDLE = (Status.OK, Status.NO_GOAL)
@@ -42,33 +41,24 @@ class Session:
     """A loop on one map, its source and its sink: poses and goals are put in the map's cells, and a
     path goes out when it is another one and once a second, the rest once a second.
 
-    What can fail fails while it is made: the session before goes on then. `after_tick` is called in
-    the loop's thread.
+    What can fail fails while it is made: the session before goes on then.
     """
 
     name = "ros"
 
-    def __init__(
-        self,
-        navigator: Navigator,
-        frame: MapFrame,
-        listener: "Listener",
-        outlet: Outlet,
-        pace: OnboardLoop,
-        after_tick: Callable[["Session"], None],
-    ) -> None:
+    def __init__(self, node: "PlannerNode", navigator: Navigator, frame: MapFrame) -> None:
         self.navigator = navigator
         self.frame = frame
-        self.newest: PathMessage | None = None
-        """The newest answer."""
         self.failure = ""
         """Why the loop has ended by itself; empty while it has not."""
-        self._listener = listener
-        self._outlet = outlet
+        self._listener = node.listener
+        self._outlet = node.outlet
         self._patches = Mailbox()
         self._robot: Place | None = None
         self._goal: Place | None = None
         """That the loop has."""
+        self._newest: tuple[Place | None, PathMessage | None] = (None, None)
+        """The goal of the newest answer, and that."""
         self._trouble = ""
         """Which input is too old to go by."""
         self._walked: Cells | None = None
@@ -77,10 +67,9 @@ class Session:
         self._odd: list[object] = [0, {}, {}]
         self._publishing = threading.Lock()
         self._ended = False
-        tell = after_tick
-        self._loop = Loop(
-            navigator, self, [self], **pace.pace(), after_tick=lambda message: tell(self)
-        )
+        self._questions = node.questions
+        pace = node.pace.pace()
+        self._loop = Loop(navigator, self, [self], **pace, after_tick=self._note)
         self._thread = threading.Thread(target=self._run, name="nnpp-edge loop", daemon=True)
         self.begin = self._thread.start
 
@@ -97,6 +86,11 @@ class Session:
         """Change the map; where too many patches wait the oldest is dropped, and counted."""
         for _ in range(self._patches.put(patch, when_full="drop oldest")):
             self.navigator.count_error("input dropped")
+
+    def answer_to(self, goal: Place) -> PathMessage | None:
+        """The newest answer, if it is one to this goal."""
+        asked, answer = self._newest
+        return answer if asked is goal else None
 
     def hush(self) -> None:
         """Publish nothing more, once this returns."""
@@ -138,6 +132,11 @@ class Session:
             self._goal = goal
             yield Goal(*frame.cell(goal.x, goal.y), heading_deg=frame.heading_deg(goal.yaw_rad))
 
+    def _note(self, message: PathMessage) -> None:
+        """After each tick: whose answer it was."""
+        self._newest = (self._goal, message)
+        self._questions.after_tick(self)
+
     def publish(self, message: Output) -> None:
         """Publish an answer."""
         with self._publishing:
@@ -147,7 +146,6 @@ class Session:
                 self._walked = None
                 self._publish_state(message)
                 return
-            self.newest = message
             if not is_rest(message.walked, self._walked):
                 self._outlet.path(poses_of(message, self.frame, self._listener.goal))
             self._walked = message.walked
@@ -159,17 +157,16 @@ class Session:
         counts = asdict(message.counters)
         odd = [counts[name] for name in _ODD]
         level = "OK" if odd == self._odd else "WARN"
-        self._odd = odd
-        text = message.text
-        if message.outcome not in _IDLE and self.newest is not None:
+        if message.outcome not in _IDLE:
             level = "ERROR"
-            text = f"{message.outcome}: {self._trouble or self.newest.reason}"
+        self._odd = odd
+        text = f"{message.outcome}: {self._trouble}" if self._trouble else message.text
         values = {"outcome": message.outcome, "refused": self._listener.refused, **counts}
         self._outlet.diagnose(level, text, values)
         state = self.navigator.map
         if state.log.version != self._shown_version and self._outlet.costs(state, self.frame):
             self._shown_version = state.log.version
-        self._outlet.footprints(state.vehicle, self.newest, self.frame)
+        self._outlet.footprints(state.vehicle, self._newest[1], self.frame)
 
     def _run(self) -> None:
         try:
