@@ -123,7 +123,8 @@ $(ROS)/ready: pyproject.toml
 	touch $@
 
 ros: $(ROS)/ready
-	$(ROS)/bin/python -m pytest tests/robot/test_ros2.py tests/robot/test_ros2_frames.py tests/robot/test_ros2_messages.py
+	$(ROS)/bin/nnpp-edge warmup --keep-old
+	$(ROS)/bin/python -m pytest tests/robot/test_ros2*.py
 
 fuzz: $(DEV)/ready
 	$(DEV)/bin/python -m tests.fuzz --minutes $(MINUTES)

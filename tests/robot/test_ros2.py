@@ -7,6 +7,7 @@ They meet on the loopback interface, in a domain of their own. Messages that are
 import json
 import math
 import os
+import re
 import subprocess
 import sys
 import threading
@@ -32,6 +33,7 @@ from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.loop.messages import StatusMessage
 from tests.robot.conftest import wait_until
 from tests.robot.ros2_types import built
+from tests.robot.test_ros_maps import message as grid_map
 
 ROOT = Path(__file__).parents[2]
 FLOOD_S = int(os.environ.get("NNPP_EDGE_FLOOD_S", "3"))
@@ -190,30 +192,29 @@ class Node:
         for name in ("odom", "map", "goal_pose"):
             self.peer.send("silence", name, "")
 
-    def odom(self, x, y, yaw_deg=0.0, frame="map", rate_hz=20.0, **more):
+    def odom(self, x, y, yaw_deg=0.0):
         self.peer.send(
             "publish",
             "odom",
             "nav_msgs/msg/Odometry",
             qos="sensor",
-            rate_hz=rate_hz,
+            rate_hz=20.0,
             message={
-                "header": {"frame_id": frame},
+                "header": {"frame_id": "map"},
                 "child_frame_id": "base_link",
                 "pose": {"pose": pose(x, y, yaw_deg)},
-            }
-            | more,
+            },
         )
 
-    def goal(self, x, y, yaw_deg=0.0, frame="map", **more):
-        message = {"header": {"frame_id": frame}, "pose": pose(x, y, yaw_deg)}
+    def goal(self, x, y, yaw_deg=0.0, **more):
+        message = {"header": {"frame_id": "map"}, "pose": pose(x, y, yaw_deg)}
         kind = "geometry_msgs/msg/PoseStamped"
         self.peer.send("publish", "goal_pose", kind, message=message, **more)
 
-    def map(self, values, side=0.25, x=0.0, y=0.0, frame="map"):
+    def map(self, values, x=0.0, y=0.0):
         rows, cols = values.shape
-        info = {"resolution": side, "width": cols, "height": rows, "origin": pose(x, y)}
-        message = {"header": {"frame_id": frame}, "info": info, "data": values.ravel().tolist()}
+        info = {"resolution": 0.25, "width": cols, "height": rows, "origin": pose(x, y)}
+        message = {"header": {"frame_id": "map"}, "info": info, "data": values.ravel().tolist()}
         self.peer.send(
             "publish", "map", "nav_msgs/msg/OccupancyGrid", qos="latched", message=message
         )
@@ -375,35 +376,17 @@ def test_headings_are_exact_in_all_four_quadrants(node, peer, tmp_path, rows_alo
         assert set(gears["data"]) == {1}
 
 
-def test_what_cannot_be_gone_to_or_understood_is_told_in_a_line_and_stops_who_follows(node, peer):
-    node.map(hall())
-    node.run(radius_m=0.3)
-    node.odom(1.0, 1.0)
-    node.goal(14.0, 1.0)
-    assert len(node.path())
-    for place, words in (
-        ((400.0, 1.0), "GOAL_OUTSIDE_MAP: the map has (40, 60) cells"),
-        ((7.6, 1.0), "GOAL_BLOCKED: the goal is impassable"),
-    ):
-        node.goal(14.0, 1.0)
-        assert len(node.path())
-        node.goal(*place)
-        node.path(lambda poses: not len(poses))
-        node.trouble(words)
-    node.goal(14.0, 1.0)
-    assert len(node.path())
-    node.goal(3.0, 1.0, frame="base_link")
-    node.trouble("goal_pose: wanted a goal in the frame 'map', got one in 'base_link', and tf2_ros")
-    node.odom(1.0, 1.0, frame="odom")
-    node.trouble("the newest pose is")
-    node.trouble("odom: wanted a pose in the frame 'map', got one in 'odom'")
-    node.path(lambda poses: not len(poses))
-    node.odom(1.0, 1.0, child_frame_id="camera")
-    node.trouble("wanted the robot's frame 'base_link', got 'camera'")
-    node.map(hall(), frame="odom")
-    node.trouble("map: wanted a map in the frame 'map', got one in 'odom'")
-    node.odom(1.0, 1.0)
-    assert len(node.path())
+def test_an_elevation_map_is_sent_and_a_path_got_with_what_the_wheels_have(environment):
+    """The example of the document, as it stands there, beside a node of its own."""
+    (example,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs/ros2.md").read_text(), re.S)
+    apart = environment | {"ROS_DOMAIN_ID": str(1 + (os.getpid() + 50) % 100), "PYTHONPATH": ""}
+    with closing(Node(apart, None, "-p", "map_size_m:=20.0", "-p", "resolution:=0.25")) as node:
+        command = [sys.executable, "-c", example]
+        done = subprocess.run(command, env=apart, capture_output=True, text=True, timeout=60)
+        node.said("grid_map_msgs is missing: install ros-DISTRO-grid-map-msgs, or send")
+    path = np.array([line.split() for line in done.stdout.splitlines()], float)
+    assert np.abs(path[[0, -1]] - [(-8.0, 0.0), (8.0, 0.0)]).max() < 0.26
+    assert np.hypot(*path.T).min() > 1.5  # around the hill
 
 
 def test_another_map_takes_the_place_of_the_one_before_and_a_part_of_it_is_changed(node, peer):
@@ -427,25 +410,12 @@ def test_another_map_takes_the_place_of_the_one_before_and_a_part_of_it_is_chang
     assert np.hypot(*(path[-1, :2] - (14.0, 1.0))) < 0.3
 
 
-def grid_map(heights, x, y, side=0.25, start=(0, 0), row_by_row=False, frame="map"):
-    """A grid_map_msgs/GridMap whose middle is there and whose ring begins at `start`."""
+def window(heights, x, y, side=0.25, **ring):
+    """A grid_map_msgs/GridMap whose middle is there."""
     rows, cols = heights.shape
-    ring = np.roll(heights, start, axis=(0, 1))
-    dims = [("column_index", cols, rows * cols), ("row_index", rows, rows)]
-    values = ring.ravel(order="F")
-    if row_by_row:
-        dims = [("row_index", rows, rows * cols), ("column_index", cols, cols)]
-        values = ring.ravel()
-    layout = {"dim": [{"label": label, "size": size, "stride": s} for label, size, s in dims]}
-    info = {"resolution": side, "length_x": rows * side, "length_y": cols * side}
-    return {
-        "header": {"frame_id": frame},
-        "info": info | {"pose": pose(x, y)},
-        "layers": ["variance", "elevation"],
-        "data": [{"layout": layout, "data": each.tolist()} for each in (values * 0, values)],
-        "outer_start_index": start[0],
-        "inner_start_index": start[1],
-    }
+    place = {"resolution": side, "length_x": rows * side, "length_y": cols * side}
+    message = grid_map(values=heights, **ring, **place, pose=pose(x, y))
+    return message | {"header": {"frame_id": "map"}}
 
 
 def test_a_window_that_moves_over_unknown_ground_is_taken_in_wherever_its_ring_begins(node, peer):
@@ -454,6 +424,10 @@ def test_a_window_that_moves_over_unknown_ground_is_taken_in_wherever_its_ring_b
     node.goal(10.0, 1.0)
     node.path(lambda poses: not len(poses))
     rng = np.random.default_rng(1)
+
+    def send(message):
+        peer.send("publish", "elevation_map", "grid_map_msgs/msg/GridMap", message=message)
+
     # a dam along y at x = 0, with a gap at y = -3; columns run against y in windows of 5 × 8 m
     for n, x in enumerate(np.arange(-12.5, 13.0, 2.5)):
         places = x + 2.5 - 0.25 * (0.5 + np.arange(20))
@@ -462,22 +436,17 @@ def test_a_window_that_moves_over_unknown_ground_is_taken_in_wherever_its_ring_b
         dam = (np.abs(places)[:, None] < 0.3) & ~(np.abs(across + 3.0)[None, :] < 0.6)
         heights[dam] = 3.0
         start = (int(rng.integers(20)), int(rng.integers(32)))
-        message = grid_map(heights, x, 0.0, start=start, row_by_row=bool(n % 2))
-        peer.send("publish", "elevation_map", "grid_map_msgs/msg/GridMap", message=message)
+        send(window(heights, x, 0.0, start=start, row_by_row=bool(n % 2)))
         time.sleep(0.02)
     path = node.path()
     through = path[np.abs(path[:, 0]) < 0.3]
     assert len(through) and np.abs(through[:, 1] + 3.0).max() < 0.6
     # what has not been seen stays as it is: NaN tells nothing
-    unseen = np.full((20, 32), math.nan)
-    message = grid_map(unseen, 0.0, 0.0)
-    peer.send("publish", "elevation_map", "grid_map_msgs/msg/GridMap", message=message)
-    message = grid_map(np.zeros((4, 4)), 0.0, 0.0, side=0.5)
-    peer.send("publish", "elevation_map", "grid_map_msgs/msg/GridMap", message=message)
+    send(window(np.full((20, 32), math.nan), 0.0, 0.0))
+    send(window(np.zeros((4, 4)), 0.0, 0.0, side=0.5))
     node.trouble("elevation_map: wanted cells of 0.25 m, got 0.5 m")
     assert len(node.path())
-    message = grid_map(np.full((20, 32), 3.0) * (np.arange(20) == 10)[:, None], 0.0, 0.0)
-    peer.send("publish", "elevation_map", "grid_map_msgs/msg/GridMap", message=message)
+    send(window(np.full((20, 32), 3.0) * (np.arange(20) == 10)[:, None], 0.0, 0.0))
     node.path(lambda poses: not len(poses))  # the gap is shut
 
 

@@ -17,6 +17,7 @@ from geometry_msgs.msg import Pose, PoseStamped, Quaternion
 from nav_msgs.msg import MapMetaData, OccupancyGrid, Odometry, Path
 from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 
 from nnpp_edge.robot.ros2 import node as nodes
@@ -118,50 +119,84 @@ def stopped(places):
     return not places
 
 
-@pytest.fixture(scope="module", autouse=True)
-def ros():
-    rclpy.init()
-    yield
-    rclpy.shutdown()
-
-
 @pytest.fixture
 def alone(monkeypatch):
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
     monkeypatch.setattr(sessions, "Loop", partial(Loop, status_every_s=0.05))
+    rclpy.init()
     alone = Alone(monkeypatch)
     yield alone
     alone.node.trigger_shutdown()
     alone.node.destroy_node()
+    rclpy.shutdown()
 
 
-BAD_MAPS = (
-    (grid(resolution=math.nan), "resolution must be metres above 0, got nan"),
-    (grid(resolution=0.0), "resolution must be metres above 0, got 0.0"),
-    (grid(resolution=math.inf), "resolution must be metres above 0, got inf"),
-    (grid(20, 30, resolution=1e-9), "wanted cells of at least 0.003 m for a vehicle of 0.6 m"),
-    (grid(origin=at(1e300, 0.0)), "the map's corner must be finite, within 2.5e+11 m"),
-    (grid(origin=at(0.0, math.nan)), "the map's corner must be finite, within 2.5e+11 m"),
-    (grid(origin=at(0.0, 0.0, z=1.0, w=0.0)), "wanted a map that is not turned"),
-    (grid(origin=at(0.0, 0.0, w=math.nan)), "wanted a map that is not turned"),
-    (grid(width=0), "wanted 40 × 0 whole numbers as data"),
-    (grid(width=2**32 - 1), "wanted 40 × 4294967295 whole numbers as data"),
+def framed(kind, frame_id, **fields):
+    return kind(header=Header(frame_id=frame_id), **fields)
+
+
+BAD = (
+    ("map", grid(resolution=math.nan), "resolution must be metres above 0, got nan"),
+    ("map", grid(resolution=0.0), "resolution must be metres above 0, got 0.0"),
+    ("map", grid(resolution=math.inf), "resolution must be metres above 0, got inf"),
+    ("map", grid(20, 30, resolution=1e-9), "wanted cells of at least 0.003 m for a vehicle of 0.6"),
+    ("map", grid(origin=at(1e300, 0.0)), "the map's corner must be finite, within 2.5e+11 m"),
+    ("map", grid(origin=at(0.0, math.nan)), "the map's corner must be finite, within 2.5e+11 m"),
+    ("map", grid(origin=at(0.0, 0.0, z=1.0, w=0.0)), "wanted a map that is not turned"),
+    ("map", grid(origin=at(0.0, 0.0, w=math.nan)), "wanted a map that is not turned"),
+    ("map", grid(width=0), "wanted 40 × 0 whole numbers as data"),
+    ("map", grid(width=2**32 - 1), "wanted 40 × 4294967295 whole numbers as data"),
+    (
+        "map",
+        framed(OccupancyGrid, "odom", info=grid().info, data=grid().data),
+        "wanted a map in the",
+    ),
+    ("elevation_points", PointCloud2(), "wanted map_size_m or map_file for elevations"),
+    ("goal_pose", framed(PoseStamped, "base_link"), "wanted a goal in the frame 'map', got one in"),
+    (
+        "goal_pose",
+        framed(PoseStamped, "map", pose=at(1.0, 1.0, w=0.0)),
+        "wanted a goal with a unit",
+    ),
+    ("pose", framed(PoseStamped, "odom"), "wanted a pose in the frame 'map', got one in 'odom'"),
+    (
+        "odom",
+        framed(Odometry, "map", child_frame_id="camera"),
+        "wanted the robot's frame 'base_link'",
+    ),
 )
 
 
-def test_a_map_that_is_refused_leaves_the_loop_as_it_was(alone):
+def test_what_is_refused_leaves_the_loop_as_it_was(alone):
     alone.begin(radius_m=0.3)
     alone.hear["map"](grid())
     alone.drive()
     before = alone.path()
-    for message, words in BAD_MAPS:
+    for topic, message, words in BAD:
         for _ in range(2):  # sent again it is no other
-            alone.hear["map"](message)
-            alone.told(f"map: {words}")
+            alone.hear[topic](message)
+            alone.told(f"{topic}: {words}")
             assert alone.path() == before
         alone.hear["map"](grid())
-        alone.told("")
     alone.hear["map"](grid(80, 100))
     assert alone.path() == before
+
+
+def test_what_cannot_be_gone_to_stops_who_follows_and_is_told(alone):
+    message = grid()
+    message.data[20 * 60 + 30] = 100
+    alone.begin()
+    alone.hear["map"](message)
+    alone.drive()
+    for x, y, words in (
+        (400.0, 1.0, "GOAL_OUTSIDE_MAP: the map has (40, 60) cells"),
+        (7.6, 5.1, "GOAL_BLOCKED: the goal is impassable"),
+    ):
+        assert alone.path()
+        alone.hear["goal_pose"](PoseStamped(header=IN_MAP, pose=at(x, y)))
+        assert alone.newest(stopped) == []
+        alone.told(words)
+        alone.drive()
 
 
 class Boom(Exception):
