@@ -8,6 +8,7 @@ import time
 from functools import partial
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
@@ -22,6 +23,7 @@ from std_msgs.msg import Header
 
 from nnpp_edge.robot.ros2 import node as nodes
 from nnpp_edge.robot.ros2 import session as sessions
+from nnpp_edge.robot.ros2.inputs import TOPICS
 from nnpp_edge.robot.ros2.node import PlannerNode
 from nnpp_edge.runtime import Loop
 from tests.robot.conftest import wait_until
@@ -104,15 +106,15 @@ class Alone:
         wait_until(came)
         return found[0]
 
-    def told(self, words):
-        """Wait until the newest diagnostics say so."""
+    def told(self, words=""):
+        """The newest diagnostics, once they say so."""
 
-        def says():
+        def said():
             (status,) = self.sent["/diagnostics"][-1].status
-            values = [pair.value for pair in status.values]
-            return any(words in each for each in (status.message, *values))
+            return "\n".join((status.message, *(pair.value for pair in status.values)))
 
-        wait_until(lambda: self.sent["/diagnostics"] and says())
+        wait_until(lambda: self.sent["/diagnostics"] and words in said())
+        return said()
 
 
 def stopped(places):
@@ -178,6 +180,7 @@ def test_what_is_refused_leaves_the_loop_as_it_was(alone):
             alone.told(f"{topic}: {words}")
             assert alone.path() == before
         alone.hear["map"](grid())
+    wait_until(lambda: "map: " not in alone.told())  # once another is taken
     alone.hear["map"](grid(80, 100))
     assert alone.path() == before
 
@@ -197,6 +200,30 @@ def test_what_cannot_be_gone_to_stops_who_follows_and_is_told(alone):
         assert alone.newest(stopped) == []
         alone.told(words)
         alone.drive()
+
+
+def test_a_part_of_a_map_lies_on_the_newest_that_was_taken_and_unknown_cells_are_shut(
+    alone, monkeypatch
+):
+    monkeypatch.setitem(TOPICS, "map_updates", "nav_msgs.msg:Path")  # of no wheel, any type will do
+    alone.begin(radius_m=0.3)
+    alone.hear["map"](grid(60, 80, origin=at(-2.0, -2.0)))
+    alone.drive()
+    assert alone.path()
+    alone.hear["map"](grid(resolution=1e-9))
+    wall = np.full(60, 100)
+    wall[40:45] = 0
+    alone.hear["map_updates"](
+        SimpleNamespace(header=IN_MAP, x=30, y=0, width=1, height=60, data=wall)
+    )
+    places = np.array(alone.newest(lambda places: np.ptp(places, axis=0)[1] > 1.0))
+    gap = np.abs(places - (5.625, 8.625))
+    assert gap[gap[:, 0] < 0.2, 1].max() < 0.4
+    message = grid(60, 80, origin=at(-2.0, -2.0))
+    for row in range(60):
+        message.data[80 * row + 30] = -1
+    alone.hear["map"](message)
+    alone.newest(stopped)
 
 
 class Boom(Exception):
