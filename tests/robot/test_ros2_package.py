@@ -3,8 +3,10 @@ needed.
 """
 
 import ast
+import re
 import runpy
 import sys
+import tomllib
 from configparser import ConfigParser
 from pathlib import Path
 from unittest.mock import MagicMock
@@ -95,6 +97,19 @@ def test_the_launch_file_starts_the_node_with_a_robots_parameters(monkeypatch):
     assert tuple(argument.kwargs["choices"]) == ROBOTS
     joined = sys.modules["launch.substitutions"].PathJoinSubstitution.call_args.args[0]
     assert joined[0] == str(PACKAGE / "config")
+
+
+def test_an_environment_that_runs_pytest_has_what_its_options_need():
+    root = PACKAGE.parents[2]
+    extras = tomllib.loads((root / "pyproject.toml").read_text())["project"][
+        "optional-dependencies"
+    ]
+    assert any(each.startswith("pytest-xdist") for each in extras["test"])  # --dist
+    assert ",test]" in extras["dev"][0]
+    makefile = (root / "Makefile").read_text()
+    for name in re.findall(r"\$\((\w+)\)/bin/python -m pytest", makefile):
+        installed = re.search(rf"\$\({name}\)/bin/pip install .*'\.\[(.*)\]'", makefile)[1]
+        assert {"test", "dev"} & set(installed.split(","))
 
 
 BAD = (
