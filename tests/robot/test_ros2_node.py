@@ -4,7 +4,6 @@ goes on, or an empty path is out and a diagnostic says why.
 
 import math
 import threading
-import time
 from functools import partial
 from types import SimpleNamespace
 
@@ -72,10 +71,12 @@ class Alone:
 
     def begin(self, **values):
         """Run with these parameters, and whatever the age of a pose."""
-        values = {"odom_timeout_s": 0.0} | values
+        self.set(**{"odom_timeout_s": 0.0} | values)
+        return self.node.trigger_configure().name, self.node.trigger_activate().name
+
+    def set(self, **values):
         parameters = [Parameter(name, value=value) for name, value in values.items()]
         self.node.set_parameters(parameters)
-        return self.node.trigger_configure().name, self.node.trigger_activate().name
 
     def drive(self):
         """Stand at one end of a room, and be sent to the other."""
@@ -286,17 +287,22 @@ BAD_POSES = (
 
 
 def test_a_pose_that_is_refused_makes_the_one_before_no_younger(alone):
-    alone.begin(odom_timeout_s=1.0)
+    alone.begin()
     alone.hear["map"](grid())
     alone.drive()
     assert alone.path()
+    alone.set(odom_timeout_s=0.2)
     for pose, words in BAD_POSES:
         alone.stand(pose)
         alone.told(f"odom: {words}")
-    patience = time.monotonic() + 10.0
-    while time.monotonic() < patience and alone.newest(lambda places: True):
+
+    def too_old(places):
         alone.stand(BAD_POSES[0][0])
-    alone.told("NO_POSE: the newest pose is 1.")
+        return not places
+
+    alone.newest(too_old)
+    alone.told("NO_POSE: the newest pose is ")
+    alone.set(odom_timeout_s=0.0)
     alone.stand(at(1e300, 1.0))
     alone.told("START_OUTSIDE_MAP: the map has (40, 60) cells")
     alone.stand()
@@ -304,16 +310,22 @@ def test_a_pose_that_is_refused_makes_the_one_before_no_younger(alone):
 
 
 def test_a_map_that_is_too_old_stops_who_follows_though_poses_come(alone):
-    alone.begin(map_timeout_s=0.5)
+    alone.begin()
     alone.hear["map"](grid())
     alone.drive()
     assert alone.path()
-    until = time.monotonic() + 10.0
-    while time.monotonic() < until and alone.newest(lambda places: True):
+    alone.set(map_timeout_s=0.3)
+
+    def stopped_though_it_stands(places):
         alone.stand()
+        return not places
+
     for _ in range(20):
-        alone.stand()
-        assert alone.newest(stopped) == []
+        alone.path(stopped_though_it_stands)
     alone.told("NO_POSE: the newest map is ")
-    alone.hear["map"](grid())
-    assert alone.newest()
+
+    def sent_again(places):
+        alone.hear["map"](grid())
+        return places
+
+    assert alone.newest(sent_again)
