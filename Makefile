@@ -119,11 +119,12 @@ docs: $(DOCS)/ready
 
 $(ROS)/ready: pyproject.toml
 	$(PYTHON) -m venv $(ROS)
-	$(ROS)/bin/pip install --quiet --disable-pip-version-check --editable '.[ros]' pytest hypothesis
+	$(ROS)/bin/pip install --quiet --disable-pip-version-check --editable '.[ros,test]'
 	touch $@
 
 ros: $(ROS)/ready
-	$(ROS)/bin/python -m pytest tests/robot/test_ros2.py tests/robot/test_ros2_frames.py tests/robot/test_ros2_messages.py
+	$(ROS)/bin/nnpp-edge warmup --keep-old
+	$(ROS)/bin/python -m pytest tests/robot/test_ros2*.py
 
 fuzz: $(DEV)/ready
 	$(DEV)/bin/python -m tests.fuzz --minutes $(MINUTES)

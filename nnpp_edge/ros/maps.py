@@ -19,7 +19,7 @@ that the robot's body would touch, and is read as impassable.
 
 import io
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -41,6 +41,7 @@ __all__ = [
     "OccupancyGrid",
     "arc_poses",
     "as_occupancy",
+    "cloud_patch",
     "grid_map_patch",
     "occupancy_patch",
     "path_poses",
@@ -52,6 +53,10 @@ MOST_PASSABLE = 98
 BODY_TOUCHES = 99
 IMPASSABLE = 100
 """Occupancies."""
+_POINTS = {7: "f4", 8: "f8"}
+"""By PointField's FLOAT32 and FLOAT64."""
+_FARTHEST = 1e12
+"""Cells from a frame's origin at which places within a cell still differ in 64 bits."""
 _SAME = 1e-3
 """Share of a cell's side by which two maps' cells may differ."""
 _LEVEL = (1e-3, 1e-3, 1e-3, 1.001)
@@ -71,7 +76,8 @@ class MapFrame:
     """Where the cells of a map lie in metres. Rows run along one axis, columns along the other,
     forth or back.
 
-    InvalidMapError where the resolution is not above 0, or a number is not finite.
+    InvalidMapError where the resolution is not above 0, or the corner not within 1e12 cells of the
+    frame's origin.
     """
 
     resolution: float
@@ -89,8 +95,11 @@ class MapFrame:
     def __post_init__(self) -> None:
         if not (math.isfinite(self.resolution) and self.resolution > 0.0):
             raise InvalidMapError(f"resolution must be metres above 0, got {self.resolution}")
-        if not (math.isfinite(self.x) and math.isfinite(self.y)):
-            raise InvalidMapError(f"the map's corner must be finite, got ({self.x}, {self.y})")
+        farthest = _FARTHEST * self.resolution
+        if not (abs(self.x) <= farthest and abs(self.y) <= farthest):
+            raise InvalidMapError(
+                f"the map's corner must be finite, within {farthest:g} m, got ({self.x}, {self.y})"
+            )
 
     def metres(self, cells: ArrayLike) -> Floats:
         """Points (x, y) in metres, (N, 2), of cells or places (row, col).
@@ -109,12 +118,13 @@ class MapFrame:
         """Places (row, col) of points (x, y) in metres, (N, 2); their floor is the cell, as in a
         `Pose`.
         """
-        xy = _pairs(points).astype(np.float64)
-        if not np.isfinite(xy).all():
-            raise InvalidQueryError("points must be finite metres (x, y)")
-        away = xy - (self.x, self.y)
+        away = _pairs(points).astype(np.float64) - (self.x, self.y)
         span = -away if self.rows_along_x else away[:, ::-1]
-        return np.asarray(span / self.resolution)
+        with np.errstate(over="ignore"):
+            places = np.asarray(span / self.resolution)
+        if not np.isfinite(places).all():
+            raise InvalidQueryError("points must be finite metres (x, y), and so their cells")
+        return places
 
     def cell(self, x: float, y: float) -> Cell:
         """The cell that holds a point; it may lie outside the map."""
@@ -283,16 +293,10 @@ class GridMap:
 
 
 @checked(InvalidMapError)
-def occupancy_patch(
-    grid: OccupancyGrid,
-    frame: MapFrame,
-    *,
-    keep_known: bool = True,
-    stamp: float = 0.0,
-) -> MapPatch:
+def occupancy_patch(grid: OccupancyGrid, frame: MapFrame, *, keep_known: bool = True) -> MapPatch:
     """Make an occupancy grid new costs for the map that lies in `frame`; see `placed`."""
     values, row, col = placed(grid.cost(), grid.frame, frame)
-    return MapPatch(row, col, cost=values, keep_known=keep_known, stamp=stamp)
+    return MapPatch(row, col, cost=values, keep_known=keep_known)
 
 
 @checked(InvalidMapError)
@@ -303,14 +307,39 @@ def grid_map_patch(
     *,
     cost: bool = False,
     keep_known: bool = True,
-    stamp: float = 0.0,
 ) -> MapPatch:
     """Make a grid map's layer new heights, or new costs, for the map that lies in `frame`; see
     `placed`.
     """
     values, row, col = placed(grid.layer(layer), grid.frame, frame)
-    kind = {"cost" if cost else "elevation": values}
-    return MapPatch(row, col, **kind, keep_known=keep_known, stamp=stamp)
+    if cost:
+        return MapPatch(row, col, cost=values, keep_known=keep_known)
+    return MapPatch(row, col, values, keep_known=keep_known)
+
+
+@checked(InvalidMapError)
+def cloud_patch(message: object, frame: MapFrame, shape: Shape) -> MapPatch:
+    """Make the points of a sensor_msgs/PointCloud2, a message as of `OccupancyGrid.of_message`, new
+    heights for the map (H, W) that lies in `frame`.
+
+    The highest point of a cell counts, cells without one stay as they are, and points off the map
+    are left out. InvalidMapError for another message, fields x, y and z that are no floats, a frame
+    of another name, or where no point lies on the map.
+    """
+    _check_frame(_field(message, "header.frame_id"), frame)
+    x_y_z = _points(message)
+    cells = np.floor(frame.places(x_y_z[:2].T)).T
+    inside = ((cells >= 0) & (cells < np.reshape(shape, (2, 1)))).all(axis=0)
+    if not inside.any():
+        raise InvalidMapError(f"wanted points on a map of {shape} cells, got none there")
+    cells = cells[:, inside].astype(np.int64)
+    first = cells.min(axis=1)
+    rows, cols = cells - first[:, None]
+    heights = np.full((rows.max() + 1, cols.max() + 1), -np.inf, np.float32)  # inf: unseen
+    nodes = rows * heights.shape[1] + cols
+    np.maximum.at(heights.reshape(-1), nodes, x_y_z[2, inside].astype(np.float32))
+    row, col = first.tolist()
+    return MapPatch(row, col, heights, keep_known=True)
 
 
 def placed(values: Float2D, source: MapFrame, target: MapFrame) -> tuple[Float2D, int, int]:
@@ -320,10 +349,7 @@ def placed(values: Float2D, source: MapFrame, target: MapFrame) -> tuple[Float2D
     InvalidMapError where the resolutions differ by over a thousandth, as values would have to be
     mixed, which is for the sender to do; or where the maps lie in frames of two names.
     """
-    if source.frame_id and target.frame_id and source.frame_id != target.frame_id:
-        raise InvalidMapError(
-            f"wanted a map in the frame {target.frame_id!r}, got one in {source.frame_id!r}"
-        )
+    _check_frame(source.frame_id, target)
     if abs(source.resolution - target.resolution) > _SAME * target.resolution:
         raise InvalidMapError(f"wanted cells of {target.resolution} m, got {source.resolution} m")
     cells = as_map(values, "a map")
@@ -335,22 +361,22 @@ def placed(values: Float2D, source: MapFrame, target: MapFrame) -> tuple[Float2D
     return np.ascontiguousarray(cells), int(row), int(col)
 
 
-def path_poses(
-    path: Cells,
-    frame: MapFrame,
-    headings_deg: Sequence[float] | Floats = (),
-) -> Floats:
+def _check_frame(frame_id: str, target: MapFrame) -> None:
+    """InvalidMapError where both frames have names, and not the same."""
+    if frame_id and target.frame_id and frame_id != target.frame_id:
+        raise InvalidMapError(
+            f"wanted a map in the frame {target.frame_id!r}, got one in {frame_id!r}"
+        )
+
+
+def path_poses(path: Cells, frame: MapFrame) -> Floats:
     """The poses (N, 3) of a path's cells (N, 2), as nav_msgs/Path wants them: x, y and heading.
 
     x and y are those of the cells' middles in metres; the heading is in radians, counted from x
-    towards y: to the next cell, and at the end as it was before; of a body that drives arcs its
-    own, by `headings_deg` (N,), clockwise from up the rows. Its quaternion has z = sin(heading / 2)
-    and w = cos(heading / 2).
+    towards y: to the next cell, and at the end as it was before. Its quaternion has z =
+    sin(heading / 2) and w = cos(heading / 2).
     """
-    points = frame.metres(np.asarray(path, np.int64).reshape(-1, 2))
-    if len(headings_deg):
-        return np.column_stack([points, frame.yaw_rad(headings_deg)])
-    return _along(points)
+    return _along(frame.metres(np.asarray(path, np.int64).reshape(-1, 2)))
 
 
 def arc_poses(answer: PathMessage | Plan, frame: MapFrame) -> Floats:
@@ -390,7 +416,7 @@ def _along(points: Floats) -> Floats:
 def _cells(length: float, side: float) -> int:
     """How many cells a map is long; 0 where that is no whole number above 0."""
     cells = length / side
-    if not math.isfinite(cells) or abs(cells - round(cells)) > _SAME * cells:
+    if abs(cells - round(cells)) > _SAME * cells:
         return 0
     return round(cells)
 
@@ -412,6 +438,32 @@ def _ring(array: object, name: str, shape: Shape) -> Float2D:
     with np.errstate(over="ignore"):  # heights beyond float32 become infinite, which is unknown
         flat = values.astype(np.float32)
     return flat.reshape(cols, rows).T if layout == by_column else flat.reshape(rows, cols)
+
+
+def _points(message: object) -> Floats:
+    """(3, N) x, y and z of a cloud's points, of those where all are finite."""
+    fields = {str(_field(each, "name")): each for each in _items(message, "fields")}
+    names = ("height", "width", "row_step", "point_step", "is_bigendian", "data")
+    rows, cols, row_step, step, swapped, data = (_field(message, name) for name in names)
+    try:
+        if row_step < cols * step:
+            raise ValueError("rows that overlap")
+        point = np.dtype(
+            {
+                "names": list("xyz"),
+                "formats": [_POINTS[_field(fields[axis], "datatype")] for axis in "xyz"],
+                "offsets": [_field(fields[axis], "offset") for axis in "xyz"],
+                "itemsize": step,
+            }
+        ).newbyteorder(">" if swapped else "<")
+        cloud = np.ndarray((rows, cols), point, memoryview(data), strides=(row_step, step))
+    except (KeyError, TypeError, ValueError, OverflowError):
+        raise InvalidMapError(
+            f"wanted {rows} × {cols} points of {step} bytes with x, y and z as FLOAT32 or FLOAT64, "
+            f"got others, with {shown(list(fields))}"
+        ) from None
+    x_y_z = np.array([cloud[axis].ravel() for axis in "xyz"], np.float64)
+    return x_y_z[:, np.isfinite(x_y_z).all(axis=0)]
 
 
 def _array(values: ArrayLike) -> Float2D:

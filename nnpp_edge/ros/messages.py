@@ -61,10 +61,10 @@ def definition(name: str) -> str:
 
 
 def path_message(poses: Floats, stamp_ns: int, frame_id: str = FRAME) -> bytes:
-    """nav_msgs/Path of poses (N, 3), x, y and yaw, as of `maps.path_poses`."""
+    """nav_msgs/Path of poses (N, 3 or more), x, y and yaw, as of `maps.path_poses`."""
     cdr = _Cdr(stamp_ns, frame_id).numbers("I", len(poses))
     if len(poses):
-        x, y, yaw = poses.T
+        x, y, yaw = poses.T[:3]
         cdr.time(stamp_ns).string(frame_id).pose(x[0], y[0], yaw[0])
         # each further pose begins at a multiple of eight bytes, so all of them are laid out alike
         head = _Cdr(stamp_ns, frame_id).data[4:]

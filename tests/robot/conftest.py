@@ -14,7 +14,7 @@ def free(shape=(40, 60)):
     return np.full(shape, 0.2, np.float32)
 
 
-def wait_until(holds, patience_s=10.0):
+def wait_until(holds, patience_s=30.0):
     """Wait for something that another thread or process does."""
     until = time.monotonic() + patience_s
     while not holds():

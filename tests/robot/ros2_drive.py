@@ -2,9 +2,6 @@
 ``.venv-ros/bin/python -m tests.robot.ros2_drive --minutes 3``. The robot is a process of its own, of
 plain rclpy.
 
-``--without-ros`` drives through the same scene with the same loop, which the robot reaches by a
-socket of Python's multiprocessing instead: what the loop does without ROS.
-
 Prints as JSON how many goals were reached, how many of the published paths led through an obstacle
 that the robot had sent 0.3 s before and that was still there, and the loop's late ticks.
 """
@@ -16,10 +13,8 @@ import os
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from argparse import ArgumentParser
-from multiprocessing.connection import Client, Listener
 from pathlib import Path
 
 import numpy as np
@@ -163,21 +158,25 @@ def _on_arc(target, yaw, gear, length):
 class RosLink:
     """The robot's side of the topics, by plain rclpy."""
 
-    def __init__(self, place):
+    def __init__(self):
         import rclpy
         from diagnostic_msgs.msg import DiagnosticArray
         from geometry_msgs.msg import PoseStamped
-        from grid_map_msgs.msg import GridMap
         from nav_msgs.msg import Odometry, Path
         from rclpy.qos import DurabilityPolicy, QoSProfile
-        from std_msgs.msg import Float32MultiArray, Int8MultiArray, MultiArrayDimension
+        from sensor_msgs.msg import PointCloud2, PointField
+        from std_msgs.msg import Int8MultiArray
 
-        self._kinds = GridMap, Odometry, PoseStamped, Float32MultiArray, MultiArrayDimension
+        self._kinds = PointCloud2, Odometry, PoseStamped
+        self._fields = [
+            PointField(name=name, offset=4 * n, datatype=PointField.FLOAT32, count=1)
+            for n, name in enumerate("xyz")
+        ]
         rclpy.init()
         self._rclpy = rclpy
         self._node = rclpy.create_node("robot")
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self._maps = self._node.create_publisher(GridMap, "elevation_map", 5)
+        self._maps = self._node.create_publisher(PointCloud2, "elevation_points", 5)
         self._odom = self._node.create_publisher(Odometry, "odom", 5)
         self._goals = self._node.create_publisher(PoseStamped, "goal_pose", 1)
         self._gears = np.empty(0)
@@ -228,20 +227,15 @@ class RosLink:
         self._goals.publish(message)
 
     def send_window(self, row, col, heights):
-        grid_map, _, _, layer_kind, dimension = self._kinds
+        """A point in the middle of each of its cells."""
+        places = SIDE_M * (np.indices(heights.shape) + 0.5 - CELLS / 2)
+        y, x = places + SIDE_M * np.array((row, col))[:, None, None]
+        points = np.stack((x, y, heights), axis=-1).astype(np.float32)
         size = len(heights)
-        message = grid_map(layers=["elevation"])
+        message = self._kinds[0](height=size, width=size, point_step=12, row_step=12 * size)
         message.header.frame_id = "odom"
-        message.info.resolution = SIDE_M
-        message.info.length_x = message.info.length_y = SIDE_M * size
-        middle = SIDE_M * (np.array((col, row)) + size / 2 - CELLS / 2)
-        _set(message.info.pose, (*middle, 0.0))
-        # rows against x, columns against y, one column after another
-        ring = heights.T[::-1, ::-1].ravel(order="F").astype(np.float32)
-        layer = layer_kind(data=array.array("f", ring.tobytes()))
-        for label in ("column_index", "row_index"):
-            layer.layout.dim.append(dimension(label=label, size=size))
-        message.data = [layer]
+        message.fields = self._fields
+        message.data = array.array("B", points.tobytes())
         self._maps.publish(message)
 
 
@@ -251,103 +245,6 @@ def _set(message, pose):
     message.position.y = float(y)
     message.orientation.z = math.sin(yaw / 2.0)
     message.orientation.w = math.cos(yaw / 2.0)
-
-
-class SocketLink:
-    """The same without ROS."""
-
-    def __init__(self, place):
-        self._connection = Client(place)
-        self._heard = []
-        self.told = {}
-
-    def wait(self, seconds):
-        if self._connection.poll(max(seconds, 0.0)):
-            kind, content = self._connection.recv()
-            if kind == "path":
-                self._heard.append(content)
-            else:
-                self.told.update(content)
-
-    def paths(self):
-        heard = self._heard
-        self._heard = []
-        return heard
-
-    def send_pose(self, pose):
-        self._connection.send(("pose", tuple(pose)))
-
-    def send_goal(self, pose):
-        self._connection.send(("goal", tuple(pose)))
-
-    def send_window(self, row, col, heights):
-        self._connection.send(("window", (row, col, heights.astype(np.float32))))
-
-
-def loop_without_ros(place, vehicle):
-    """The node's loop, ground and poses of paths, with the socket in place of topics."""
-    from nnpp_edge.profiling.profile_file import OnboardLoop
-    from nnpp_edge.robot.ros2.grounds import first_ground
-    from nnpp_edge.robot.ros2.parameters import Own
-    from nnpp_edge.robot.transports.mcap_log import is_rest
-    from nnpp_edge.ros.maps import arc_poses
-    from nnpp_edge.runtime import Goal, Loop, MapPatch, Navigator, Pose
-    from nnpp_edge.runtime.exercises import exercise
-    from nnpp_edge.runtime.loop.connections import Mailbox
-    from nnpp_edge.runtime.loop.messages import StatusMessage
-    from nnpp_edge.runtime.loop.runner import handling_signals
-
-    exercise()
-    own = Own(vehicle=vehicle, global_frame="odom", resolution=SIDE_M, map_size_m=SIDE_M * CELLS)
-    ground, frame = first_ground(own)
-    navigator = Navigator(ground, **OnboardLoop().planning())
-    mailbox = Mailbox()
-    with Listener(place) as listener:
-        connection = listener.accept()
-
-    def read():
-        while True:
-            try:
-                kind, content = connection.recv()
-            except (EOFError, OSError):
-                return
-            if kind == "window":
-                row, col, heights = content
-                message = MapPatch(row, col, elevation=heights)
-            else:
-                x, y, yaw = content
-                places = frame.places((x, y))[0].tolist()
-                if kind == "goal":
-                    message = Goal(*frame.cell(x, y), heading_deg=frame.heading_deg(yaw))
-                else:
-                    message = Pose(*places, heading_deg=frame.heading_deg(yaw))
-            mailbox.put(message, when_full="drop oldest")
-
-    class Source:
-        poll = staticmethod(mailbox.read)
-
-    class Answers:
-        name = "socket"
-        walked = None
-        due = False
-
-        def publish(self, message):
-            if isinstance(message, StatusMessage):
-                self.due = True
-                connection.send(
-                    ("told", {name: getattr(message.counters, name) for name in COUNTERS})
-                )
-                return
-            if self.due or not is_rest(message.walked, self.walked):
-                self.due = False
-                poses = arc_poses(message, frame)
-                connection.send(("path", (poses[:, :3], poses[:, 3])))
-            self.walked = message.walked
-
-    threading.Thread(target=read, daemon=True).start()
-    loop = Loop(navigator, Source(), [Answers()], **OnboardLoop().pace())
-    with handling_signals(loop):
-        loop.run()
 
 
 def drive(link, minutes, seed):
@@ -427,42 +324,24 @@ def main():
     parser = ArgumentParser()
     parser.add_argument("--minutes", type=float, default=3.0)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--without-ros", action="store_true")
-    parser.add_argument("--process", choices=("robot", "loop"))
-    parser.add_argument("--place", default="")
-    parser.add_argument("--vehicle", default="")
+    parser.add_argument("--robot", action="store_true")
     asked = parser.parse_args()
-    if asked.process == "loop":
-        loop_without_ros(asked.place, asked.vehicle)
-        return
-    if asked.process == "robot":
-        link = (SocketLink if asked.without_ros else RosLink)(asked.place)
-        counts = drive(link, asked.minutes, asked.seed)
+    if asked.robot:
+        counts = drive(RosLink(), asked.minutes, asked.seed)
         sys.exit(int(counts["failing"] > 0 or not counts["goals"]))
-    environment = dict(os.environ)
-    if not asked.without_ros:
-        from tests.robot.ros2_types import built
-
-        environment |= {
-            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-            "ROS_DOMAIN_ID": str(1 + os.getpid() % 100),
-            "PYTHONPATH": str(built()),
-        }
+    environment = os.environ | {
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "ROS_DOMAIN_ID": str(1 + os.getpid() % 100),
+    }
     with tempfile.TemporaryDirectory() as folder:
         vehicle = Path(folder, "robot.toml")
         vehicle.write_text(VEHICLE)
-        place = str(Path(folder, "socket"))
-        drives = [sys.executable, "-m", "tests.robot.ros2_drive", "--place", place]
-        command = [*drives, "--process", "loop", "--vehicle", str(vehicle)]
-        if not asked.without_ros:
-            values = {"vehicle": vehicle, "global_frame": "odom", "resolution": SIDE_M}
-            values |= {"map_size_m": SIDE_M * CELLS, "map_timeout_s": 2.0}
-            words = [word for name, value in values.items() for word in ("-p", f"{name}:={value}")]
-            command = [sys.executable, "-m", "nnpp_edge.cli.main", "ros", "--ros-args", *words]
+        values = {"vehicle": vehicle, "global_frame": "odom", "resolution": SIDE_M}
+        values |= {"map_size_m": SIDE_M * CELLS, "map_timeout_s": 2.0}
+        words = [word for name, value in values.items() for word in ("-p", f"{name}:={value}")]
+        command = [sys.executable, "-m", "nnpp_edge.cli.main", "ros", "--ros-args", *words]
         loop = subprocess.Popen(command, env=environment)
-        while asked.without_ros and not Path(place).exists() and loop.poll() is None:
-            time.sleep(0.1)
-        robot = [*drives, *sys.argv[1:], "--process", "robot"]
+        robot = [sys.executable, "-m", "tests.robot.ros2_drive", *sys.argv[1:], "--robot"]
         code = subprocess.run(robot, env=environment).returncode
         loop.terminate()
         sys.exit(code or loop.wait(10.0))

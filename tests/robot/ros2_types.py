@@ -98,24 +98,20 @@ def build(folder):
 
 
 def generate(package, files, folder):
-    from rosidl_cli.command.translate.api import translate
+    from rosidl_adapter import convert_to_idl
     from rosidl_generator_c.cli import GenerateC
     from rosidl_generator_py.cli import GeneratePython
     from rosidl_typesupport_c.cli import GenerateCTypesupport
     from rosidl_typesupport_fastrtps_c.cli import GenerateFastRTPSCTypesupport
 
     share = folder / "share" / package
+    interfaces = []
     for name, text in files.items():
         (share / name).parent.mkdir(parents=True, exist_ok=True)
         (share / name).write_text(text)
+        made = convert_to_idl(share, package, Path(name), share)
+        interfaces.append(f"{share}:{made.relative_to(share)}")
     paths = [str(Path(sys.prefix, "share")), str(share.parent)]
-    interfaces = translate(
-        package_name=package,
-        interface_files=[f"{share}:{name}" for name in files],
-        include_paths=paths,
-        output_format="idl",
-        output_path=share,
-    )
     for generator in (
         GenerateC("c"),
         GenerateFastRTPSCTypesupport("fastrtps_c"),

@@ -3,8 +3,10 @@ needed.
 """
 
 import ast
+import re
 import runpy
 import sys
+import tomllib
 from configparser import ConfigParser
 from pathlib import Path
 from unittest.mock import MagicMock
@@ -13,9 +15,10 @@ from xml.etree import ElementTree
 import pytest
 import yaml
 
+from nnpp_edge.profiling.profile_file import ProfileError
 from nnpp_edge.robot.ros2 import answers, inputs
 from nnpp_edge.robot.ros2.grounds import first_ground
-from nnpp_edge.robot.ros2.parameters import NAMES, ParameterError, checked
+from nnpp_edge.robot.ros2.parameters import NAMES, checked
 
 PACKAGE = Path(__file__).parents[2] / "deploy/ros2/nnpp_edge_ros"
 ROBOTS = ("car", "rover", "tracked")
@@ -96,16 +99,29 @@ def test_the_launch_file_starts_the_node_with_a_robots_parameters(monkeypatch):
     assert joined[0] == str(PACKAGE / "config")
 
 
+def test_an_environment_that_runs_pytest_has_what_its_options_need():
+    root = PACKAGE.parents[2]
+    extras = tomllib.loads((root / "pyproject.toml").read_text())["project"][
+        "optional-dependencies"
+    ]
+    assert any(each.startswith("pytest-xdist") for each in extras["test"])  # --dist
+    assert ",test]" in extras["dev"][0]
+    makefile = (root / "Makefile").read_text()
+    for name in re.findall(r"\$\((\w+)\)/bin/python -m pytest", makefile):
+        installed = re.search(rf"\$\({name}\)/bin/pip install .*'\.\[(.*)\]'", makefile)[1]
+        assert {"test", "dev"} & set(installed.split(","))
+
+
 BAD = (
-    ({"rate_hz": -1}, "rate_hz: wanted `float` >= 0.001, got -1"),
-    ({"map_size_m": "wide"}, "map_size_m: wanted `float`, got 'wide'"),
+    ({"rate_hz": -1}, "rate_hz: Expected float >= 0.001, got -1"),
+    ({"map_size_m": "wide"}, "map_size_m: Expected float, got 'wide'"),
     ({"method": "rrt"}, "method: wanted one of"),
 )
 
 
 @pytest.mark.parametrize(("values", "words"), BAD)
 def test_a_parameter_that_makes_no_sense_is_refused_in_a_line(values, words):
-    with pytest.raises(ParameterError) as raised:
+    with pytest.raises(ProfileError) as raised:
         checked(values)
     assert str(raised.value).startswith(words) and "\n" not in str(raised.value)
 
@@ -113,5 +129,5 @@ def test_a_parameter_that_makes_no_sense_is_refused_in_a_line(values, words):
 def test_a_whole_number_serves_as_a_fraction_and_a_body_needs_elevations():
     own, loop = checked({"map_size_m": 20, "rate_hz": 10})
     assert (own.map_size_m, loop.rate_hz) == (20.0, 10.0)
-    with pytest.raises(ParameterError, match="a body needs elevations"):
+    with pytest.raises(ProfileError, match="a body needs elevations"):
         first_ground(checked({"vehicle": "tracked"})[0])

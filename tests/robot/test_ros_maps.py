@@ -20,6 +20,7 @@ from nnpp_edge.ros.maps import (
     OccupancyGrid,
     arc_poses,
     as_occupancy,
+    cloud_patch,
     grid_map_patch,
     occupancy_patch,
     path_poses,
@@ -86,6 +87,33 @@ def message(start=(1, 2), values=VALUES, row_by_row=False, turned=0.0, **changes
         "outer_start_index": start[0],
         "inner_start_index": start[1],
     }
+
+
+def cloud_message(points=((5.2, 7.9, 1.5), (5.9, 7.6, 2.0)), kind="<f4", pad=0, height=1):
+    """A sensor_msgs/PointCloud2 as nested dicts: `pad` bytes before each point and after each row."""
+    dtype = np.dtype(kind)
+    step = pad + 3 * dtype.itemsize
+    rows = np.array(points, dtype).reshape(height, -1, 3)
+    gap = b"?" * pad
+    data = b"".join(b"".join(gap + point.tobytes() for point in row) + gap for row in rows)
+    fields = [
+        {"name": name, "offset": pad + n * dtype.itemsize, "datatype": dtype.itemsize // 4 + 6}
+        for n, name in enumerate("xyz")
+    ]
+    return {
+        "header": {"frame_id": "odom"},
+        "height": height,
+        "width": rows.shape[1],
+        "fields": fields,
+        "is_bigendian": kind[0] == ">",
+        "point_step": step,
+        "row_step": step * rows.shape[1] + pad,
+        "data": data,
+    }
+
+
+def read_cloud(message):
+    return cloud_patch(message, MapFrame(0.5, 1.0, -2.0, frame_id="odom"), (20, 30))
 
 
 def leaves(value, path=""):
@@ -200,8 +228,8 @@ def test_every_cell_of_a_patch_lands_where_it_lay(rows_along_x):
     grid_map = GridMap({"told": VALUES}, MapFrame(1.0, 6.0, 9.0, rows_along_x=True))
     occupied = OccupancyGrid(np.arange(6).reshape(2, 3), MapFrame(1.0, 4.0, 5.0))
     for patch, frame, values in (
-        (grid_map_patch(grid_map, target, "told", cost=True, stamp=3.0), grid_map.frame, VALUES),
-        (occupancy_patch(occupied, target, stamp=3.0), occupied.frame, occupied.cost()),
+        (grid_map_patch(grid_map, target, "told", cost=True), grid_map.frame, VALUES),
+        (occupancy_patch(occupied, target), occupied.frame, occupied.cost()),
     ):
         world = np.full((14, 15), NAN, np.float32)
         rows, cols = patch.shape
@@ -210,7 +238,6 @@ def test_every_cell_of_a_patch_lands_where_it_lay(rows_along_x):
         for (row, col), value in np.ndenumerate(values):
             assert world[target.cell(*frame.metres([[row, col]])[0])] == value
         assert np.isfinite(world).sum() == values.size
-        assert patch.stamp == 3.0
 
 
 def test_a_patch_is_moved_to_the_nearest_cells_but_never_resampled():
@@ -234,6 +261,26 @@ def test_cells_that_were_not_seen_stay_as_the_map_has_them_unless_told_otherwise
     np.testing.assert_array_equal(patch.cost, [[NAN, np.inf]])
 
 
+@pytest.mark.parametrize("kind", ["<f4", ">f4", "<f8", ">f8"])
+def test_of_a_clouds_points_the_highest_in_each_cell_of_the_map_counts(kind):
+    rng = np.random.default_rng(7)
+    points = rng.uniform((-2.0, -5.0, -3.0), (20.0, 12.0, 3.0), (400, 3)).astype(kind)
+    points[::9, rng.integers(0, 3, 45)] = rng.choice([NAN, np.inf])
+    wanted = np.full((20, 30), -np.inf)
+    for x, y, z in points[np.isfinite(points).all(axis=1)]:
+        if 1.0 <= x < 16.0 and -2.0 <= y < 8.0:
+            cell = int((y + 2.0) // 0.5), int((x - 1.0) // 0.5)
+            wanted[cell] = max(wanted[cell], z)
+    for message in (cloud_message(points, kind), cloud_message(points, kind, pad=5, height=8)):
+        patch = read_cloud(message)
+        put = np.full((20, 30), -np.inf)
+        rows, cols = patch.shape
+        put[patch.row : patch.row + rows, patch.col : patch.col + cols] = patch.elevation
+        np.testing.assert_array_equal(put, wanted.astype(np.float32))
+        assert patch.keep_known
+    assert read_cloud(cloud_message()).shape == (1, 2)  # no larger than the points are apart
+
+
 PATH = np.array([[0, 0], [1, 1], [1, 2]], np.int32)
 
 
@@ -254,15 +301,6 @@ def test_a_path_becomes_poses_in_metres(cells, frame, poses):
     np.testing.assert_allclose(found.ravel(), np.array(poses.split(), float))
 
 
-@pytest.mark.parametrize("rows_along_x", [False, True])
-def test_headings_of_a_body_are_turned_into_the_frame(rows_along_x):
-    frame = MapFrame(1.0, rows_along_x=rows_along_x)
-    right, down = path_poses(PATH[:2], frame, (90.0, 180.0))[:, 2]
-    for heading, step in ((right, (0, 1)), (down, (1, 0))):
-        wanted = path_poses(np.array([(0, 0), step]), frame)[0, 2]
-        assert np.exp(1j * heading) == pytest.approx(np.exp(1j * wanted))
-
-
 GRID = """
 info.width                      | 4     | 2 × 4 whole numbers as data, got (6,)
 info.resolution                 | 0.0   | resolution
@@ -274,7 +312,8 @@ info.pose.orientation.z         | 0.1   | [0.0, 0.0, 0.1, 1.0]
 info.pose.orientation.x         | NaN   | not turned
 info.resolution                 | 0.0   | resolution
 info.length_x                   | 2.5   | multiples of 1.0 m above 0
-info.resolution                 | 1e-320 | multiples of
+info.resolution                 | 1e-300 | corner must be finite, within 1e-288 m
+info.pose.position.y            | 1e300  | corner must be finite, within 1e+12 m
 data.0.layout.dim.0.label       | ""    | laid out by
 data.0.layout.dim.0.size        | 2     | laid out by
 data.0.layout.dim | [{"label":"row_index","size":3},{"label":"column_index","size":2}] | laid out by
@@ -283,6 +322,17 @@ layers                          | ["elevation", "cost"] | a name for each of 1 l
 layers                          | ["a", "a"] | a name for each of 1 layers, got
 outer_start_index               | 0.5   | outer_start_index must be a whole number, got 0.5
 outer_start_index               | 2     | within 2 × 3 cells
+"""
+CLOUD = """
+header.frame_id                 | "map" | a map in the frame 'odom', got one in 'map'
+fields.1.name                   | "r"   | x, y and z as FLOAT32 or FLOAT64, got others, with ['x', 'r', 'z']
+fields.2.datatype               | 6     | x, y and z as FLOAT32 or FLOAT64, got others, with ['x', 'y', 'z']
+fields.2.offset                 | 10    | 1 × 2 points of 12 bytes with
+width                           | 3     | 1 × 3 points of 12 bytes with
+height                          | 2     | 2 × 2 points of 12 bytes with
+row_step                        | 23    | 1 × 2 points of 12 bytes with
+width                           | 0     | points on a map of (20, 30) cells, got none there
+data                            | null  | 1 × 2 points of 12 bytes with
 """
 """The path to a value of a message, another value, and words of the refusal."""
 
@@ -293,20 +343,24 @@ def put(message, path, value):
     functools.reduce(operator.getitem, most, message)[last] = value
 
 
-def refused(kind, altered, path, value, words):
-    put(altered, path, json.loads(value))
-    with pytest.raises(InvalidMapError, match=re.escape(words)):
-        kind.of_message(altered)
+READ = (
+    (OccupancyGrid.of_message, occupancy_message),
+    (GridMap.of_message, message),
+    (read_cloud, cloud_message),
+)
 
 
-@pytest.mark.parametrize(("path", "value", "words"), cases(GRID, 3))
-def test_a_grid_that_makes_no_map_is_refused(path, value, words):
-    refused(OccupancyGrid, occupancy_message(), path, value, words)
-
-
-@pytest.mark.parametrize(("path", "value", "words"), cases(LAYERS, 3))
-def test_layers_that_would_be_read_scrambled_are_refused(path, value, words):
-    refused(GridMap, message(), path, value, words)
+@pytest.mark.parametrize(
+    ("read", "made", "table"),
+    [(*each, table) for each, table in zip(READ, (GRID, LAYERS, CLOUD), strict=True)],
+)
+def test_a_message_that_makes_no_map_or_would_be_read_scrambled_is_refused(read, made, table):
+    for case in cases(table, 3):
+        path, value, words = case.values
+        altered = made()
+        put(altered, path, json.loads(value))
+        with pytest.raises(InvalidMapError, match=re.escape(words)):
+            read(altered)
 
 
 NO_MAPS = r"""
@@ -334,17 +388,18 @@ def test_what_makes_no_map_is_refused(make, words):
 
 
 OTHERS = (None, "x", [], {}, [[1.0], [1.0, 2.0]], 2.5, -1, math.nan, 1e300, 10**400, 1j, object())
-FREE = {"z", "stride", "data_offset", "basic_layers", "layers", "frame_id", *"012345"}
+FREE = {"z", "stride", "data_offset", "basic_layers", "layers", "frame_id", "is_bigendian"}
+FREE |= {*"012345", "name"}
 """What has no meaning here, a name, a height."""
 
 
-@pytest.mark.parametrize(("kind", "made"), [(GridMap, message), (OccupancyGrid, occupancy_message)])
-def test_a_message_with_a_field_of_another_type_is_refused_in_a_line(kind, made):
+@pytest.mark.parametrize(("read", "made"), READ)
+def test_a_message_with_a_field_of_another_type_is_refused_in_a_line(read, made):
     for path, value in itertools.product(leaves(made()), OTHERS):
         altered = made()
         put(altered, path, value)
         try:
-            kind.of_message(altered)
+            read(altered)
         except InvalidMapError as error:
             assert "\n" not in str(error)
         else:

@@ -1,25 +1,31 @@
 """Topics that the node listens to, as inputs of the loop. The executor's thread converts them."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from nnpp_edge.robot.ros2 import Ros
+from nnpp_edge.robot.ros2 import Ros, in_a_line
 from nnpp_edge.robot.ros2.frames import Place
-from nnpp_edge.ros.maps import GridMap, MapFrame, OccupancyGrid, grid_map_patch, occupancy_patch
+from nnpp_edge.ros.maps import (
+    GridMap,
+    MapFrame,
+    OccupancyGrid,
+    cloud_patch,
+    grid_map_patch,
+    occupancy_patch,
+)
 from nnpp_edge.runtime.errors import InvalidMapError
-from nnpp_edge.runtime.loop.connections import Mailbox
-from nnpp_edge.runtime.loop.messages import Goal, Input, InvalidMessageError, MapPatch, Pose
-from nnpp_edge.runtime.loop.navigator import Navigator
+from nnpp_edge.runtime.loop.messages import InvalidMessageError, MapPatch
 
 if TYPE_CHECKING:
     from rclpy.node import Node
 
     from nnpp_edge.robot.ros2.node import PlannerNode
+    from nnpp_edge.robot.ros2.session import Session
 
 _LOG_EVERY_S = 5.0
 """A line of each topic that is refused; all are counted."""
@@ -30,35 +36,31 @@ TOPICS = {
     "map": "nav_msgs.msg:OccupancyGrid",
     "map_updates": "map_msgs.msg:OccupancyGridUpdate",
     "elevation_map": "grid_map_msgs.msg:GridMap",
+    "elevation_points": "sensor_msgs.msg:PointCloud2",
 }
+_INSTEAD = {"map_updates": ", or send whole maps", "elevation_map": ", or send elevation_points"}
 
 
 def message_type(node: "Node", topic: str, kind: str) -> Ros:
-    """A message's class; None, and a line in the log, where its package is not installed."""
+    """A message's class; None, and a warning, where its package is not installed."""
     try:
         return resolve_name(kind)
     except ImportError:
-        node.get_logger().info(f"no {topic}, as {kind.partition('.')[0]} is not installed")
+        package = kind.partition(".")[0]
+        wanted = f"install ros-DISTRO-{package.replace('_', '-')}{_INSTEAD.get(topic, '')}"
+        node.get_logger().warning(f"there is no {topic}, as {package} is missing: {wanted}")
         return None
 
 
-class RosSource:
-    """Subscriptions of a node, and the inputs of the loop that came by them.
-
-    `on_grid` is called with an occupancy grid that is a new map rather than a part of the loop's.
-    Until `begin` says on which map the loop runs, the newest pose and goal wait.
+class Listener:
+    """Subscriptions of a node. Patches are handed to its session; pose and goal are kept for the
+    session to take.
     """
 
-    def __init__(self, node: "PlannerNode", on_grid: Callable[[OccupancyGrid], None]) -> None:
+    def __init__(self, node: "PlannerNode") -> None:
         self._node = node
-        self._on_grid = on_grid
-        self.refused: dict[str, str] = {}
+        self._refused: dict[str, str] = {}
         """Why the newest message was refused, by topic; of those whose newest one was."""
-        self._mailbox = Mailbox()
-        self._navigator: Navigator | None = None
-        self.frame: MapFrame | None = None
-        """Where the cells of the loop's map lie; None until there is one."""
-        self._by_topic = False
         self._grid: OccupancyGrid | None = None
         """The newest whole one, which updates are parts of."""
         self.robot: Place | None = None
@@ -66,45 +68,21 @@ class RosSource:
         """The newest."""
         self._came = dict.fromkeys(("pose", "map"), time.monotonic())
         """When the newest one came."""
-        self.trouble = ""
-        """Which input is too old to go by, as `poll` last saw it; empty while none is."""
         self._subscriptions = self._subscribe()
 
-    def begin(self, navigator: Navigator, frame: MapFrame, *, by_topic: bool) -> None:
-        """The loop runs on this map from now on, in whose cells pose and goal are put; `by_topic`
-        where an occupancy grid is all of it.
-        """
-        self._navigator = navigator
-        self.frame = frame
-        self._by_topic = by_topic
-        self._mailbox = Mailbox()  # what waits is in the cells of the map before
-        if self.goal is not None:
-            self.set_goal(self.goal)
-        self._put_pose()
+    @property
+    def refused(self) -> str:
+        """Why the newest message of each topic was refused, where it was."""
+        return "; ".join(map(": ".join, list(self._refused.items())))
 
-    def poll(self) -> Iterator[Input]:
-        """Inputs since the last call. Without a pose or a map that is new enough, the loop's pose
-        is forgotten.
-        """
-        now = time.monotonic()
-        own = self._node.own
-        self.trouble = ""
-        for what, limit_s in (("pose", own.odom_timeout_s), ("map", own.map_timeout_s)):
-            old_s = now - self._came[what]
+    def overdue(self) -> str:
+        """Which input is too old to go by; empty while none is."""
+        for what, name in (("pose", "odom_timeout_s"), ("map", "map_timeout_s")):
+            limit_s = self._node.get_parameter(name).value
+            old_s = time.monotonic() - self._came[what]
             if limit_s and old_s > limit_s:
-                self.trouble = f"the newest {what} is {old_s:.1f} s old, allowed are {limit_s:g}"
-        if self.trouble and self._navigator is not None:
-            self._navigator.forget(goal=False)
-        return self._mailbox.read()
-
-    def set_goal(self, place: Place) -> None:
-        """Send the loop to a place of the global frame, if there is a map."""
-        self.goal = place
-        if self.frame is None:
-            return
-        heading = self.frame.heading_deg(place.yaw_rad)
-        row, col = self.frame.cell(place.x, place.y)
-        self._mailbox.put(Goal(row, col, heading_deg=heading), when_full="drop oldest")
+                return f"the newest {what} is {old_s:.1f} s old, allowed are {limit_s:g}"
+        return ""
 
     def close(self) -> None:
         """Listen no more."""
@@ -121,21 +99,24 @@ class RosSource:
         for topic, kind in TOPICS.items():
             if found := message_type(self._node, topic, kind):
                 hear = partial(self._hear, topic)
-                qos = special.get(topic, QoSProfile(depth=10))
+                qos = special.get(topic, 10)
                 made.append(self._node.create_subscription(found, topic, hear, qos))
         return made
 
     def _hear(self, topic: str, message: Ros) -> None:
-        """Convert a message, or refuse it."""
+        """Convert a message, or refuse it: whatever it holds, the session goes on."""
         try:
             getattr(self, f"_on_{topic}")(message)
-        except Exception as error:  # whatever comes from outside, the node goes on
-            self.refused[topic] = str(error)
-            self._count("input")
-            line = f"{topic} was refused: {error}"
+        except Exception as error:
+            self._refused[topic] = in_a_line(error)
+            line = f"{topic} was refused: {self._refused[topic]}"
             self._node.get_logger().warning(line, throttle_duration_sec=_LOG_EVERY_S)
+            if session := self._node.session:
+                session.navigator.count_error("input")
+            else:
+                self._node.tell_idle()
         else:
-            self.refused.pop(topic, None)
+            self._refused.pop(topic, None)
 
     def _on_odom(self, message: Ros) -> None:
         base = self._node.own.robot_base_frame
@@ -150,17 +131,9 @@ class RosSource:
     def _on_place(self, pose: Ros, frame_id: str) -> None:
         self.robot = self._node.frames.place(pose, frame_id, "a pose")
         self._came["pose"] = time.monotonic()
-        self._put_pose()
-
-    def _put_pose(self) -> None:
-        if self.robot is None or self.frame is None:
-            return
-        row, col = self.frame.places((self.robot.x, self.robot.y))[0].tolist()
-        heading = self.frame.heading_deg(self.robot.yaw_rad)
-        self._mailbox.put(Pose(row, col, heading_deg=heading), when_full="drop oldest")
 
     def _on_goal_pose(self, message: Ros) -> None:
-        self.set_goal(self._node.frames.place(message.pose, message.header.frame_id, "a goal"))
+        self.goal = self._node.frames.place(message.pose, message.header.frame_id, "a goal")
 
     def _on_map(self, message: Ros) -> None:
         grid = OccupancyGrid.of_message(message)
@@ -168,14 +141,14 @@ class RosSource:
         if grid.frame.frame_id != wanted:
             got = grid.frame.frame_id
             raise InvalidMapError(f"wanted a map in the frame {wanted!r}, got one in {got!r}")
-        self._grid = grid
-        shape = None if self._navigator is None else self._navigator.map.shape
-        same = grid.frame == self.frame and grid.data.shape == shape
-        if same or (self._navigator is not None and not self._by_topic):
-            self._put_grid(grid)
+        session = self._node.session
+        if self._node.own.by_topic and not (session and session.covers(grid)):
+            came = time.monotonic()
+            self._node.begin_on(grid)
+            self._came["map"] = came
         else:
-            self._came["map"] = time.monotonic()
-            self._on_grid(grid)
+            self._put_grid(grid)
+        self._grid = grid
 
     def _on_map_updates(self, message: Ros) -> None:
         if self._grid is None:
@@ -192,19 +165,27 @@ class RosSource:
 
     def _put_grid(self, grid: OccupancyGrid) -> None:
         """Of a map that is all costs, what is unknown now is unknown; else it tells nothing."""
-        assert self.frame is not None
-        self._put(occupancy_patch(grid, self.frame, keep_known=not self._by_topic))
+        keep_known = not self._node.own.by_topic
+        self._put(lambda session: occupancy_patch(grid, session.frame, keep_known=keep_known))
 
     def _on_elevation_map(self, message: Ros) -> None:
-        if self.frame is None or self._by_topic:
+        layer = self._node.own.layer
+        grid = GridMap.of_message(message)
+        self._put_heights(lambda session: grid_map_patch(grid, session.frame, layer))
+
+    def _on_elevation_points(self, message: Ros) -> None:
+        self._put_heights(
+            lambda session: cloud_patch(message, session.frame, session.navigator.map.shape)
+        )
+
+    def _put_heights(self, patch_of: "Callable[[Session], MapPatch]") -> None:
+        if self._node.own.by_topic:
             raise InvalidMapError("wanted map_size_m or map_file for elevations, got neither")
-        self._put(grid_map_patch(GridMap.of_message(message), self.frame, self._node.own.layer))
+        self._put(patch_of)
 
-    def _put(self, patch: MapPatch) -> None:
+    def _put(self, patch_of: "Callable[[Session], MapPatch]") -> None:
+        session = self._node.session
+        if session is None:
+            raise InvalidMapError("there is no loop that could take a part of a map")
+        session.put(patch_of(session))
         self._came["map"] = time.monotonic()
-        for _ in range(self._mailbox.put(patch, when_full="drop oldest")):
-            self._count("input dropped")
-
-    def _count(self, error: str) -> None:
-        if self._navigator is not None:
-            self._navigator.count_error(error)

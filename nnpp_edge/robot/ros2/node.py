@@ -8,32 +8,31 @@ from contextlib import suppress
 
 import numpy as np
 import rclpy
-from msgspec.structs import replace
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.signals import SignalHandlerOptions
 
 from nnpp_edge.profiling.profile_file import OnboardLoop
-from nnpp_edge.robot.ros2 import Ros
-from nnpp_edge.robot.ros2.answers import RosSink
+from nnpp_edge.robot.ros2 import Ros, in_a_line
+from nnpp_edge.robot.ros2.answers import Outlet
 from nnpp_edge.robot.ros2.frames import Frames
-from nnpp_edge.robot.ros2.grounds import Located, first_ground, ground_of
-from nnpp_edge.robot.ros2.inputs import RosSource
-from nnpp_edge.robot.ros2.parameters import LIVE, Own, checked, declare, values_of
+from nnpp_edge.robot.ros2.grounds import first_ground, ground_of
+from nnpp_edge.robot.ros2.inputs import Listener
+from nnpp_edge.robot.ros2.parameters import Own, checked, declare, values_of
 from nnpp_edge.robot.ros2.questions import Questions
-from nnpp_edge.ros.maps import OccupancyGrid
-from nnpp_edge.runtime.errors import InvalidQueryError, NnppEdgeError
+from nnpp_edge.robot.ros2.session import Session
+from nnpp_edge.ros.maps import MapFrame, OccupancyGrid
+from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.exercises import exercise
 from nnpp_edge.runtime.loop.ladder import one_line
 from nnpp_edge.runtime.loop.navigator import Navigator
-from nnpp_edge.runtime.loop.runner import Loop
 
 _DONE = TransitionCallbackReturn.SUCCESS
-_PATIENCE_S = 5.0
-"""For the loop's last tick."""
+_TELL_EVERY_S = 1.0
+"""That no loop runs."""
 _PAUSE_S = 0.002
-"""Between two callbacks: of a topic that floods us the newest message is taken, some hundred a
-second, and the loop's thread is not held up.
+"""Between two callbacks of an executor that looks at all topics before each: of a topic that floods
+us the newest message is taken, some hundred a second, and the loop's thread is not held up.
 """
 
 
@@ -45,127 +44,114 @@ class PlannerNode(LifecycleNode):
     forgets the goal, but not the map.
     """
 
+    outlet: Outlet
+    """While it is configured."""
+    listener: Listener
+    questions: Questions
+    """While it is active, as `_timer`."""
+
     def __init__(self) -> None:
         super().__init__("nnpp_edge")
         declare(self)
         self.own = Own()
+        self.pace = OnboardLoop()
         """What it was configured with."""
-        self._pace = OnboardLoop()
         self.frames = Frames(self)
-        self.add_post_set_parameters_callback(self._follow)
-        self._by_topic = False
-        self._located: Located | None = None
-        self._navigator: Navigator | None = None
-        self._sink: RosSink | None = None
-        self._inputs: tuple[RosSource, Questions] | None = None
-        """While it is active."""
-        self._running: tuple[Loop, threading.Thread] | None = None
+        self._kept: tuple[Navigator, MapFrame] | None = None
+        """For the loop that begins next; None while it runs, and where the topic of maps is to say.
+        """
+        self._session: Session | None = None
+        self._timer: Ros = None
+
+    @property
+    def session(self) -> Session | None:
+        """The loop that runs; None while there is none."""
+        return self._session if self._session and self._session.runs else None
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Read what parameters say, load kernels and map, and declare the topics that go out."""
         try:
-            self.own, self._pace = checked(values_of(self))
-            located = first_ground(self.own)
+            self.own, self.pace = checked(values_of(self))
             exercise()
-            self._by_topic = located is None
-            if located is not None:
-                self._take(located)
-        except NnppEdgeError as error:
-            self.get_logger().error(f"cannot be configured: {error}")
+            self._kept = self._first()
+        except Exception as error:
+            self.get_logger().error(f"cannot be configured: {in_a_line(error)}")
             return TransitionCallbackReturn.FAILURE
-        self._sink = RosSink(self)
+        self.outlet = Outlet(self)
         return super().on_configure(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Listen, and begin the loop once there is a map."""
-        assert self._sink is not None
         done = super().on_activate(state)
-        source = RosSource(self, self._on_grid)
-        self._inputs = (source, Questions(self, source, self._sink))
-        if self._navigator is None:
-            self.get_logger().info("waiting for a map on the topic map")
-        else:
-            self._begin(self._navigator)
+        self.listener = Listener(self)
+        self.questions = Questions(self)
+        self._timer = self.create_timer(_TELL_EVERY_S, self.tell_idle)
+        if kept := self._kept or self._first():
+            self._begin(*kept)
+        self._kept = None
+        self.tell_idle()
         return done
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """End the loop, stop who follows its path, and listen no more."""
-        self._end()
+        if self._timer is not None:
+            session = self._session
+            if session is not None:
+                session.hush()
+            self.outlet.path(np.empty((0, 4)))
+            self.destroy_timer(self._timer)
+            self.listener.close()
+            self.questions.close()
+            self._timer = self._session = None
+            if session is not None and session.end():
+                session.navigator.forget()
+                self._kept = (session.navigator, session.frame)
         return super().on_deactivate(state)
 
-    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Give all back that was configured."""
-        self._give_back()
-        return super().on_cleanup(state)
-
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """End the loop, and give all back."""
-        self._end()
-        self._give_back()
-        return super().on_shutdown(state)
+        """End the loop, and give all back that was configured."""
+        self.on_deactivate(state)
+        if hasattr(self, "outlet"):
+            self.outlet.close()
+        self._kept = None
+        return _DONE
 
-    # --- the loop
+    on_cleanup = on_error = on_shutdown
 
-    def _take(self, located: Located) -> Navigator:
-        """Plan on this map from now on."""
-        self._located = located
-        self._navigator = Navigator(located[0], **self._pace.planning())
-        return self._navigator
+    def begin_on(self, grid: OccupancyGrid) -> None:
+        """Run the loop on this map of costs from now on."""
+        self._begin(Navigator(ground_of(self.own, grid), **self.pace.planning()), grid.frame)
 
-    def _begin(self, navigator: Navigator) -> None:
-        """Run the loop in a thread of its own."""
-        assert self._inputs is not None and self._sink is not None and self._located is not None
-        source, questions = self._inputs
-        frame = self._located[1]
-        source.begin(navigator, frame, by_topic=self._by_topic)
-        self._sink.begin(source, navigator.map)
-        questions.begin(navigator)
-        loop = Loop(
-            navigator,
-            source,
-            [self._sink],
-            **self._pace.pace(),
-            after_tick=lambda message: questions.after_tick(),
-        )
-        thread = threading.Thread(target=loop.run, name="nnpp-edge loop", daemon=True)
-        self._running = (loop, thread)
-        thread.start()
+    def tell_idle(self) -> None:
+        """Where no loop runs, publish an empty path, and why."""
+        if self.session is None:
+            ended = self._session.failure if self._session else ""
+            why = (ended or "waiting for a map", self.listener.refused)
+            self.outlet.stop("; ".join(filter(None, why)))
+
+    def _first(self) -> tuple[Navigator, MapFrame] | None:
+        """As the parameters say, which are checked by it."""
+        located = first_ground(self.own)
+        return located and (Navigator(located[0], **self.pace.planning()), located[1])
+
+    def _begin(self, navigator: Navigator, frame: MapFrame) -> None:
+        """The loop before ends once all is made for this one."""
+        made = Session(self, navigator, frame)
+        if self._session is not None:
+            self._session.end()
+        made.begin()
+        self._session = made
         shape = navigator.map.shape
-        self.get_logger().info(f"ready: {self._pace.rate_hz:g} Hz, a map of {shape} cells")
+        self.get_logger().info(f"ready: {self.pace.rate_hz:g} Hz, a map of {shape} cells")
 
-    def _end_loop(self) -> None:
-        if self._running is not None and self._navigator is not None:
-            loop, thread = self._running
-            loop.stop()
-            thread.join(_PATIENCE_S)
-            self._navigator.forget()
-        self._running = None
 
-    def _end(self) -> None:
-        """End the loop and all that comes in."""
-        ran = self._running is not None
-        self._end_loop()
-        for each in self._inputs or ():
-            each.close()
-        if ran and self._sink is not None:
-            self._sink.publish_path(np.empty((0, 4)))
-        self._inputs = None
-
-    def _give_back(self) -> None:
-        if self._sink is not None:
-            self._sink.close()
-        self._sink = self._navigator = self._located = None
-
-    def _on_grid(self, grid: OccupancyGrid) -> None:
-        """A map of other cells has come: the loop begins anew on it."""
-        located = ground_of(self.own, grid.cost(), grid.frame)
-        self._end_loop()
-        self._begin(self._take(located))
-
-    def _follow(self, changes: list[Ros]) -> None:
-        """Go by what may be changed while the loop runs."""
-        live = {each.name: float(each.value) for each in changes if each.name in LIVE}
-        self.own = replace(self.own, **live)
+def _executor() -> tuple[Ros, float]:
+    """The best that the distribution has, and the seconds to sleep between two callbacks."""
+    try:
+        from rclpy.experimental import EventsExecutor
+    except ImportError:  # before ROS 2 Kilted
+        return SingleThreadedExecutor(), _PAUSE_S
+    return EventsExecutor(), 0.0
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -181,18 +167,20 @@ def run(arguments: Sequence[str]) -> int:
     stopping = threading.Event()
     for each in (signal.SIGTERM, signal.SIGINT):
         signal.signal(each, lambda number, frame: stopping.set())
-    executor = SingleThreadedExecutor()
+    executor, pause_s = _executor()
     executor.add_node(node)
     changes = [node.trigger_configure, node.trigger_activate]
     if not node.get_parameter("autostart_node").value:
         changes = []
     failed = any(change() != _DONE for change in changes)
-    with suppress(ExternalShutdownException):
-        while not (failed or stopping.is_set()):
-            executor.spin_once(timeout_sec=0.1)
-            time.sleep(_PAUSE_S)
-    with suppress(Exception):  # another has shut it down
-        node.trigger_shutdown()
+    try:
+        with suppress(ExternalShutdownException):
+            while not (failed or stopping.is_set()):
+                executor.spin_once(timeout_sec=0.1)
+                time.sleep(pause_s)
+    finally:
+        with suppress(Exception):  # another has shut it down
+            node.trigger_shutdown()
     executor.shutdown()
     node.destroy_node()
     rclpy.try_shutdown()

@@ -2,13 +2,11 @@
 
 from typing import TYPE_CHECKING, Annotated
 
-import msgspec
 from msgspec import Meta
 from msgspec.structs import asdict, fields
 
-from nnpp_edge.profiling.profile_file import OnboardLoop, Table
+from nnpp_edge.profiling.profile_file import OnboardLoop, ProfileError, Table, changed
 from nnpp_edge.robot.ros2 import Ros
-from nnpp_edge.runtime.errors import InvalidQueryError, shown
 
 if TYPE_CHECKING:
     from rclpy.node import Node
@@ -17,10 +15,6 @@ _Seconds = Annotated[float, Meta(ge=0.0, le=1e6)]
 _Metres = Annotated[float, Meta(ge=0.0, le=1e5)]
 LIVE = ("map_timeout_s", "odom_timeout_s")
 """May be changed while the loop runs."""
-
-
-class ParameterError(InvalidQueryError):
-    """A parameter whose value makes no sense; one line."""
 
 
 class Own(Table, frozen=True, kw_only=True):
@@ -68,6 +62,11 @@ class Own(Table, frozen=True, kw_only=True):
         _Seconds, Meta(description="Likewise of the newest map or part of one; 0: any.")
     ] = 0.0
 
+    @property
+    def by_topic(self) -> bool:
+        """Whether the topic of maps says what the map is."""
+        return not (self.map_file or self.map_size_m)
+
 
 _OF_LOOP = {
     field.name: field.default
@@ -79,20 +78,11 @@ NAMES = (*Own.__struct_fields__, *_OF_LOOP)
 
 
 def checked(values: dict[str, object]) -> tuple[Own, OnboardLoop]:
-    """Parameters from values as ROS has them: a whole number serves as a fraction. ParameterError
+    """Parameters from values as ROS has them: a whole number serves as a fraction. ProfileError
     says which makes no sense.
     """
-    try:
-        own = msgspec.convert(_some(values, Own), Own)
-        loop = msgspec.convert(_some(values, OnboardLoop), OnboardLoop)
-    except msgspec.ValidationError as error:
-        problem, _, place = str(error).partition(" - at `$.")
-        key = place.rstrip("`")
-        if key:
-            wanted = problem.replace("Expected", "wanted").split(", got ")[0]
-            problem = f"{key}: {wanted}, got {shown(values.get(key))}"
-        raise ParameterError(problem) from None
-    return own, loop
+    own = changed(Own(), **_some(values, Own))
+    return own, changed(OnboardLoop(), **_some(values, OnboardLoop))
 
 
 def _some(values: dict[str, object], kind: type[Table]) -> dict[str, object]:
@@ -119,7 +109,7 @@ def declare(node: "Node") -> None:
     def check(changes: list[Ros]) -> SetParametersResult:
         try:
             checked({each.name: each.value for each in changes})
-        except ParameterError as error:
+        except ProfileError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 

@@ -11,23 +11,26 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from nnpp_edge.robot.ros2 import Ros
-from nnpp_edge.robot.ros2.answers import RosSink, poses_of
+from nnpp_edge.robot.ros2.answers import poses_of
 from nnpp_edge.robot.ros2.frames import Place
-from nnpp_edge.robot.ros2.inputs import RosSource, message_type
+from nnpp_edge.robot.ros2.inputs import message_type
+from nnpp_edge.ros.maps import MapFrame
 from nnpp_edge.ros.messages import path_message
 from nnpp_edge.runtime.arrays import Floats
 from nnpp_edge.runtime.cells import nearest
 from nnpp_edge.runtime.errors import NnppEdgeError, Status
 from nnpp_edge.runtime.loop.ladder import one_line
 from nnpp_edge.runtime.loop.messages import InvalidMessageError
-from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
 
 if TYPE_CHECKING:
     from nnpp_edge.robot.ros2.node import PlannerNode
+    from nnpp_edge.robot.ros2.session import Session
 
-_Copy = tuple[bytes, list[bytearray]]
-"""A pickled planner, and its arrays, which pickling them along would take several times as long."""
+_Copy = tuple[bytes, list[bytearray], MapFrame]
+"""A pickled planner, its arrays, which pickling them along would take several times as long, and
+where its map lies.
+"""
 _PLANNERS = ("", "nnpp_edge", "GridBased")
 """Names that requests may have for the planner; the last is that of Nav2's trees."""
 _ERRORS = {
@@ -59,13 +62,10 @@ class Questions:
     elsewhere, or by way of several poses, are made on a copy of the loop's planner.
     """
 
-    def __init__(self, node: "PlannerNode", source: RosSource, sink: RosSink) -> None:
+    def __init__(self, node: "PlannerNode") -> None:
         from nav_msgs.srv import GetPlan
 
         self._node = node
-        self._source = source
-        self._sink = sink
-        self._navigator: Navigator | None = None
         self._copies: deque[Future[_Copy]] = deque()
         """That are wanted of the loop's planner."""
         self._worker = ThreadPoolExecutor(1, "nnpp-edge questions")
@@ -78,18 +78,15 @@ class Questions:
             )
         ]
 
-    def begin(self, navigator: Navigator) -> None:
-        """This navigator answers from now on."""
-        self._navigator = navigator
-
-    def after_tick(self) -> None:
+    def after_tick(self, session: "Session") -> None:
         """Copy the planner for who waits for it. For the loop's thread, which only copies the map's
         layers: a planner is made of them where it is wanted.
         """
-        while self._copies and self._navigator is not None:
+        while self._copies:
             arrays: list[pickle.PickleBuffer] = []
-            rest = pickle.dumps(self._navigator.planner, 5, buffer_callback=arrays.append)
-            self._copies.popleft().set_result((rest, list(map(bytearray, arrays))))
+            rest = pickle.dumps(session.navigator.planner, 5, buffer_callback=arrays.append)
+            made = (rest, list(map(bytearray, arrays)), session.frame)
+            self._copies.popleft().set_result(made)
 
     def close(self) -> None:
         """Answer nothing more."""
@@ -159,7 +156,7 @@ class Questions:
         from rclpy.serialization import deserialize_message
 
         frame_id = self._node.own.global_frame
-        content = path_message(given.poses[:, :3], self._sink.now_ns, frame_id)
+        content = path_message(given.poses, self._node.outlet.now_ns, frame_id)
         return deserialize_message(content, Path)
 
     # --- the loop's side, in the thread of the questions
@@ -167,17 +164,14 @@ class Questions:
     def _to_pose(self, request: Ros) -> _Given:
         if request.use_start:
             return self._between(request.start, request.goal)
-        goal = self._place(request.goal, "a goal")
-        # the tick that runs now has perhaps read its inputs: the one after it has this goal
-        newest = self._sink.newest
-        tick = 1 + (newest.tick if newest else 0)
-        self._source.set_goal(goal)
+        goal = self._node.listener.goal = self._place(request.goal, "a goal")
         until = time.monotonic() + _PATIENCE_S
         while time.monotonic() < until:
-            answer = self._sink.newest
-            if answer and answer.tick > tick and answer.outcome is not Status.TIMEOUT:
-                if answer.ok and self._source.frame is not None:
-                    return _Given(poses_of(answer, self._source.frame, goal))
+            session = self._node.session
+            answer = session and session.answer_to(goal)
+            if session and answer and answer.outcome is not Status.TIMEOUT:
+                if answer.ok:
+                    return _Given(poses_of(answer, session.frame, goal))
                 return _failed(answer.outcome, answer.reason)
             time.sleep(_LOOK_EVERY_S)
         return _failed(Status.TIMEOUT, "the loop has not answered in time")
@@ -190,7 +184,7 @@ class Questions:
 
     def _between(self, start: Ros, *goals: Ros, tolerance_m: float = 0.0) -> _Given:
         """A plan from a stamped pose; from the robot's own where it has no frame, or is None."""
-        begin = self._source.robot
+        begin = self._node.listener.robot
         if start is not None and start.header.frame_id:
             begin = self._place(start, "a start")
         if begin is None:
@@ -209,12 +203,10 @@ class Questions:
         wanted: Future[_Copy] = Future()
         self._copies.append(wanted)
         try:
-            rest, arrays = wanted.result(_PATIENCE_S)
+            rest, arrays, frame = wanted.result(_PATIENCE_S)
         except TimeoutError:
             return _failed(Status.TIMEOUT, "the loop does not run, or is busy")
         planner: DynamicPlanner = pickle.loads(rest, buffers=arrays)
-        frame = self._source.frame
-        assert frame is not None
         legs: list[Floats] = []
         for start, goal in zip(stops[:-1], stops[1:], strict=True):
             cell = frame.cell(goal.x, goal.y)

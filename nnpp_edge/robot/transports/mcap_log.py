@@ -20,7 +20,7 @@ import numpy as np
 
 from nnpp_edge.files import open_new
 from nnpp_edge.robot.transports.wiring import Setup
-from nnpp_edge.ros.maps import MapFrame, path_poses
+from nnpp_edge.ros.maps import MapFrame, arc_poses
 from nnpp_edge.ros.messages import (
     definition,
     grid_message,
@@ -125,14 +125,12 @@ class McapLog:
             if isinstance(message, PathMessage):
                 answer["path"] = len(message.path)
                 del answer["headings_deg"]
+                if not is_rest(message.walked, self._last_path):
+                    poses = arc_poses(message, self._frame())
+                    self._write("/path", now, path_message(poses, now))
+                self._last_path = message.walked
             topic = "/answer" if isinstance(message, PathMessage) else "/status"
             self._write(topic, now, string_message(json.dumps(answer)))
-            if isinstance(message, PathMessage):
-                if not is_rest(message.path, self._last_path):
-                    poses = path_poses(message.path, self._frame(), message.headings)
-                    data = path_message(poses, now)
-                    self._write("/path", now, data)
-                self._last_path = message.path
             self._tidy()
 
     def close(self) -> None:
