@@ -244,8 +244,7 @@ class GroundOptions(VehicleOptions, TerrainOptions):
 
     def limits(self, place: "Place | None" = None) -> "Traversability":
         """As `TerrainOptions.limits`; UsageError for a body that is to stand on other cells."""
-        body = self.body()
-        if self.rescale is not None and body is not None and not body.is_disc:
+        if self.rescale is not None and self._posed is not None:
             raise click.UsageError(
                 "--rescale changes how cells are priced, and a body is checked on the ground "
                 "itself: leave it out (evaluate and simulate shrink the ground)"
@@ -255,8 +254,13 @@ class GroundOptions(VehicleOptions, TerrainOptions):
     @property
     def _default_workload(self) -> str:
         """A body's own limits decide where it may go."""
+        return "safe" if self._posed is None else "soft"
+
+    @property
+    def _posed(self) -> "Vehicle | None":
+        """The vehicle, if its poses are checked: neither a point nor a disc."""
         body = self.body()
-        return "safe" if body is None or body.is_disc else "soft"
+        return None if body is None or body.is_disc else body
 
     def of(self, dem: "Dem") -> "Ground":
         """The ground of an elevation map; a warning says where its cells are too coarse for the
@@ -294,8 +298,8 @@ class GroundOptions(VehicleOptions, TerrainOptions):
         """Warn of cells on which the vehicle cannot turn as sharply as it may, and of those beside
         which it is so short that little is known of the ground below it.
         """
-        body = self.body()
-        if body is None or body.is_disc:
+        body = self._posed
+        if body is None:
             return
         if body.turning_radius_m:
             _warn_if_wide(body.turning_radius_m, dem)

@@ -244,11 +244,13 @@ class Chart:
     ) -> None:
         """Put the whole map into the corner that is farthest from places."""
         share = _OVERVIEW * max(drawing.map.shape[:2]) / max(self.cost.shape)
-        step = max(int(1.0 / share), 1)
-        whole = self.ground(self.whole, step, tints)
+        small = self.ground(self.whole, max(int(1.0 / share), 1), tints)
+        size = tuple(max(round(cells * share), 1) for cells in self.cost.shape[::-1])
+        small = cv2.resize(small, size, interpolation=cv2.INTER_AREA)  # type: ignore[assignment]
+        row, col, rows, cols = (round(cells * share) for cells in part)
         shares = (places - part[:2]) / part[2:]
         corner = max(_CORNERS, key=lambda each: np.abs(shares - each).max(1).min())
-        drawing.overview(whole, step * share, np.multiply(part, share), corner)
+        drawing.overview(small, (row, col, max(rows, 6), max(cols, 6)), corner)
 
 
 def cost_picture(cost: Float2D, shade: Shade | None = None) -> Picture:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Cells, Floats
-from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.viz.palette import (
     BODY,
     GOAL,
@@ -111,17 +111,15 @@ class MapDrawing:
         self.map[on] = PAPER
         self.map[on & stripe] = UNKNOWN
 
-    def overview(self, whole: Picture, share: float, part: Floats, corner: Cell) -> None:
-        """Have the whole map, so many times as large, drawn in a corner (0 or 1, 0 or 1), with the
-        part (row, col, rows, cols, in pixels of it) that the picture shows.
+    def overview(self, whole: Picture, part: Rectangle, corner: Cell) -> None:
+        """Have the whole map drawn, small, in a corner (0 or 1, 0 or 1), with the part (in pixels
+        of it) that the picture shows.
         """
-        rows, cols = (max(round(side * share), 1) for side in whole.shape[:2])
-        small = cv2.resize(whole, (cols, rows), interpolation=cv2.INTER_AREA)
-        first = part[1::-1].round().astype(int)
-        last = first + np.maximum(part[:1:-1].round(), 6).astype(int) - 1
+        row, col, rows, cols = part
+        last = (col + cols - 1, row + rows - 1)
         for colour, width in ((PAPER, 4), (INK, 2)):
-            cv2.rectangle(small, first.tolist(), last.tolist(), colour, width)
-        framed = cv2.copyMakeBorder(small, 2, 2, 2, 2, cv2.BORDER_CONSTANT, value=INK)
+            cv2.rectangle(whole, (col, row), last, colour, width)
+        framed = cv2.copyMakeBorder(whole, 2, 2, 2, 2, cv2.BORDER_CONSTANT, value=INK)
         self._corner = (np.asarray(framed, np.uint8), corner)
 
     def line(self, cells: Points, colour: Colour, width: float) -> None:
