@@ -17,7 +17,7 @@ from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.layers import Costs
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.planners.query import Found, Work
-from nnpp_edge.runtime.robots.robot import CellPrice
+from nnpp_edge.runtime.robots.robot import Price
 from nnpp_edge.runtime.search.astar import Query
 from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.tuning import (
@@ -124,7 +124,7 @@ class BlockWay:
         -1.
         """
         path = over(stops)
-        return CellPrice().walk(self._grid, path, 0, np.empty(len(path)))
+        return Price().walk(self._grid, path, 0, np.empty(len(path)))
 
 
 def over(stops: Cells) -> Cells:

@@ -7,7 +7,7 @@ only those have headings. Each is asked by way of a `Grid`, which they do not ke
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -50,83 +50,16 @@ WAYS = tuple(zip(ROW_STEP, COL_STEP, strict=True))
 """(rows, columns) of the steps that lead from a cell to those beside it."""
 
 
-class Stance(Protocol):
-    """Where a robot may stand and go: 7 members."""
+class Stance:
+    """Where a robot may stand and go: here, as a point, on a cell that is not shut."""
 
-    @property
-    def reach(self) -> Cell:
-        """Rows and columns from a cell to those that are below it on its way from there."""
-
-    @property
-    def checks(self) -> int:
-        """Number of poses that have been checked so far."""
+    reach: Cell = (0, 0)
+    """Rows and columns from a cell to those that are below it on its way from there."""
+    checks = 0
+    """Number of poses that have been checked so far."""
 
     def weights(self, grid: "Grid") -> Float32s:
         """(nodes,) inf where no step may lead; empty where the moves' states decide."""
-
-    def stands_at(self, grid: "Grid", cell: Cell) -> bool:
-        """Whether a cell of the map can be stood on."""
-
-    def touched(
-        self, change: "Change", part: Rectangle, state: "MapState", *, heights: bool
-    ) -> "Change":
-        """The change with all cells where it may stand or go otherwise than before."""
-
-    def complete(self) -> None:
-        """Check now all that is else checked where a search reads it."""
-
-    def why_blocked(self, cell: Cell) -> str:
-        """Why it cannot stand on a cell, where that is known better than by the cell's cost."""
-
-
-class Price(Protocol):
-    """What steps and paths cost: 10 members."""
-
-    @property
-    def symmetric(self) -> bool:
-        """Whether a step costs the same both ways: landmarks and any angle serve then."""
-
-    @property
-    def metre(self) -> float:
-        """What a metre of level ground costs beside a cell's price; 0 where cells' weights say."""
-
-    def edges(self, backwards: bool = False) -> Edges | None:
-        """(nodes, ways) costs of steps; None where they cost by the weights of their ends."""
-
-    def bounds(self, grid: "Grid", shortest: float) -> tuple[float, float, float]:
-        """Least cost of getting a straight and a diagonal step closer, and of the dearest step."""
-
-    def walk(self, grid: "Grid", path: Cells, first: int, costs: Floats) -> int:
-        """As `Grid.walk`."""
-
-    def costs_of(self, grid: "Grid", path: Cells) -> PathCosts:
-        """Of a path; inf for an empty one."""
-
-    def worth(self, start: Cell, end: Cell | None = None) -> Float32s | float:
-        """By how much a path to `end`, or to each cell, costs more than its steps as searches take
-        them.
-        """
-
-    def follow(self, change: "Change", part: Rectangle, *, heights: bool) -> "Change":
-        """The change with all cells whose steps cost otherwise than before."""
-
-    def coarse(self, shape: Cell, prices: tuple[float, float]) -> "Price":
-        """The price on a coarse level of this shape."""
-
-    def pool(self, levels: Sequence["Level"], changed: Rectangle) -> Iterator[None]:
-        """Bring coarse levels' steps up to date above a rectangle, stripe by stripe."""
-
-
-class PointStance:
-    """On a cell that is not shut."""
-
-    reach: Cell = (0, 0)
-    checks = 0
-
-    def weights(self, grid: "Grid") -> Float32s:
-        """Weights by which its steps may lead, inf where they may not; empty where others
-        decide.
-        """
         return grid.weights
 
     def stands_at(self, grid: "Grid", cell: Cell) -> bool:
@@ -138,25 +71,33 @@ class PointStance:
     def touched(
         self, change: "Change", part: Rectangle, state: "MapState", *, heights: bool
     ) -> "Change":
+        """The change with all cells where it may stand or go otherwise than before."""
         return change
 
     def complete(self) -> None:
-        return
+        """Check now all that is else checked where a search reads it."""
 
     def why_blocked(self, cell: Cell) -> str:
+        """Why it cannot stand on a cell, where that is known better than by the cell's cost."""
         return ""
 
 
-class CellPrice:
-    """Steps cost by the weights of their ends, see `terrain.step_cost`."""
+class Price:
+    """What steps and paths cost: here by the weights of a step's ends, see `terrain.step_cost`."""
 
     symmetric = True
+    """Whether a step costs the same both ways: landmarks and any angle serve then."""
     metre = 0.0
+    """What a metre of level ground costs beside a cell's price; 0 where cells' weights say."""
 
     def edges(self, backwards: bool = False) -> Edges | None:
+        """(nodes, ways) costs of steps, or of those that come to a cell; None where they cost by
+        the weights of their ends.
+        """
         return None
 
     def bounds(self, grid: "Grid", shortest: float) -> tuple[float, float, float]:
+        """Least cost of getting a straight and a diagonal step closer, and of the dearest step."""
         straight = grid.model.step(0, 2.0 * grid.least)
         diagonal = min(grid.model.step(1, 2.0 * grid.least), 2.0 * straight)
         return straight * shortest, diagonal * shortest, grid.model.step(0, 2.0 * grid.greatest)
@@ -183,15 +124,21 @@ class CellPrice:
         return lengths + weights, straight + SQRT2 * diagonal, total / scale if scale else 0.0
 
     def worth(self, start: Cell, end: Cell | None = None) -> Float32s | float:
+        """By how much a path to `end`, or to each cell, costs more than its steps as searches take
+        them.
+        """
         return 0.0
 
     def follow(self, change: "Change", part: Rectangle, *, heights: bool) -> "Change":
+        """The change with all cells whose steps cost otherwise than before."""
         return change
 
     def coarse(self, shape: Cell, prices: tuple[float, float]) -> "Price":
-        return CellPrice()
+        """The price on a coarse level of this shape."""
+        return Price()
 
     def pool(self, levels: Sequence["Level"], changed: Rectangle) -> Iterator[None]:
+        """Bring coarse levels' steps up to date above a rectangle, stripe by stripe."""
         return iter(())
 
 
@@ -283,7 +230,7 @@ class CellMoves:
 
     def walk_turns(self, grid: "Grid", path: Cells, first: int, costs: Floats, metre: float) -> int:
         """As `walk`, where turns alone cost, by what a metre of level ground does."""
-        blocked = CellPrice().walk(grid, path, first, costs)
+        blocked = Price().walk(grid, path, first, costs)
         costs[first:] = 0.0
         return blocked
 
@@ -358,8 +305,8 @@ class CellMoves:
 class Robot(NamedTuple):
     """A stance, a price and moves."""
 
-    stance: Stance = PointStance()
-    price: Price = CellPrice()
+    stance: Stance = Stance()
+    price: Price = Price()
     moves: CellMoves = CellMoves()
 
     @property

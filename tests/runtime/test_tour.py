@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from nnpp_edge.runtime import Method, Plan, Planner, Source, Status, Traversability
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.planners.tour import tour
-from nnpp_edge.runtime.robots.robot import CellPrice, Robot
+from nnpp_edge.runtime.robots.robot import Price, Robot
 from tests import oracles
 from tests.strategies import flat, uniform
 
@@ -58,7 +58,7 @@ def test_where_there_costs_another_than_back_the_best_order_is_the_cheapest_too(
         return Plan(Status.OK, Method.ASTAR, Source.MAP, ends, cost=between[begin[1], end[1]])
 
     grid = Planner(flat(1, count)).state.grid
-    grid.robot = Robot(price=mock.Mock(wraps=CellPrice(), symmetric=False))
+    grid.robot = Robot(price=mock.Mock(wraps=Price(), symmetric=False))
     best, given_cost = oracles.cheapest_order(between.tolist())
     known = np.random.default_rng(seed).random(between.shape) < 0.5
     partly = np.where(known, between, 0.7 * between), known

@@ -27,10 +27,10 @@ from nnpp_edge.runtime.robots.body.search import (
 )
 from nnpp_edge.runtime.robots.robot import (
     CellMoves,
-    CellPrice,
     PathCosts,
     Price,
     Robot,
+    Stance,
 )
 from nnpp_edge.runtime.search.astar import Links, Query, Search, Spreading
 from nnpp_edge.runtime.search.region import Region
@@ -61,7 +61,7 @@ if TYPE_CHECKING:
     from nnpp_edge.runtime.map.state import MapState
 
 
-class BodyStance:
+class BodyStance(Stance):
     """Where a body stands on the ground, by its checks."""
 
     def __init__(self, poses: Poses) -> None:
@@ -95,7 +95,7 @@ class BodyStance:
         return why_blocked(self.poses, cell)
 
 
-class BodyPrice(CellPrice):
+class BodyPrice(Price):
     """A leg costs its length by what it is checked to be, a turn by its angle."""
 
     def __init__(self, poses: Poses) -> None:

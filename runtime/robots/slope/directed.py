@@ -17,7 +17,7 @@ from nnpp_edge.runtime.cells import Cell, Rectangle, enclosing, slices, widened
 from nnpp_edge.runtime.kernels.directed import join_steps, pool_steps, price_steps
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.kernels.records import FinerSteps, SlopePrices, Ways
-from nnpp_edge.runtime.robots.robot import WAYS, CellPrice, Edges, PathCosts, Robot
+from nnpp_edge.runtime.robots.robot import WAYS, Edges, PathCosts, Price, Robot
 from nnpp_edge.runtime.robots.slope.cost import SlopeCost
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ _THREADS_FROM = 20_000
 """Cells from which on steps are computed by a thread a core."""
 
 
-class CoarseSlopePrice(CellPrice):
+class CoarseSlopePrice(Price):
     """Costs of the steps of a coarse level, both ways; `prices` are those of the map's
     own steps.
     """
@@ -90,7 +90,7 @@ class CoarseSlopePrice(CellPrice):
         join_steps(self.means, (top, top + tall, left, left + wide), edges, backwards)
 
 
-class SlopePrice(CellPrice):
+class SlopePrice(Price):
     """Costs of the steps of a map of heights.
 
     `heights` (H, W) float32 in metres, C-contiguous and not finite where unknown, are kept: whoever
