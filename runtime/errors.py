@@ -94,8 +94,7 @@ class Status(StrEnum):
     NO_GOAL = "NO_GOAL"
     """Of the loop alone: no goal has come yet."""
     UNKNOWN = "UNKNOWN"
-    """Of the loop: every way of planning raised an error. Of `WindowedPlanner`: no path was
-    found, and it is not known that there is none."""
+    """Of the loop: every way of planning raised an error."""
 
 
 def shown(value: object) -> str:

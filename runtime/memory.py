@@ -11,6 +11,7 @@ import itertools
 import math
 import mmap
 import resource
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -32,6 +33,8 @@ _ALWAYS_FITS = 1 << 22
 """Cells of a map that is planned on without asking for room first: that takes as long as a short
 plan.
 """
+MOST_CELLS = 2_000_000_000
+"""Of a map: cells within its border have numbers of 32 bits."""
 _MAP_NORESERVE = 0x4000
 """Of Linux; Python's `mmap` has it from 3.13 on."""
 _PR_SET_THP_DISABLE = 41
@@ -78,8 +81,29 @@ def small_pages() -> Iterator[None]:
             prctl(_PR_SET_THP_DISABLE, 0, 0, 0, 0)
 
 
-def check_planner_fits(shape: tuple[int, ...], more_per_cell: int = 0) -> None:
-    """InvalidMapError where the memory that is left cannot hold a planner of a map of this shape.
+def filed_zeros(shape: tuple[int, ...], dtype: type[Number]) -> NDArray[Number]:
+    """Zeros in a temporary file that has no name: of a map larger than memory, whose pages the
+    system writes there and drops where it needs the room. OSError where the disk has none.
+    """
+    size = max(math.prod(shape), 1) * np.dtype(dtype).itemsize
+    with tempfile.TemporaryFile() as file:
+        file.truncate(size)
+        memory = mmap.mmap(file.fileno(), size)
+    return np.frombuffer(memory, dtype, math.prod(shape)).reshape(shape)
+
+
+def is_filed(array: object) -> bool:
+    """Whether an array lies in a file, as from `filed_zeros`."""
+    while isinstance(array, np.ndarray):
+        array = array.base
+    return isinstance(array, memoryview | mmap.mmap)
+
+
+def check_planner_fits(
+    shape: tuple[int, ...], more_per_cell: int = 0, *, filed: bool = False
+) -> None:
+    """InvalidMapError where the memory that is left cannot hold a planner of a map of this shape,
+    unless that lies in a file, or where it has more cells than have numbers.
 
     `more_per_cell` are bytes beside those of a point's planner. All that is reserved counts: a
     search takes it where it first comes, and one of the whole map takes all of it.
@@ -87,12 +111,16 @@ def check_planner_fits(shape: tuple[int, ...], more_per_cell: int = 0) -> None:
     cells = math.prod(shape)
     if len(shape) != 2 or cells <= _ALWAYS_FITS:
         return
+    if cells > MOST_CELLS:
+        raise InvalidMapError(f"wanted a map of at most {MOST_CELLS} cells, got {shape}")
+    if filed:
+        return
     wanted = cells * (PLANNER_BYTES_PER_CELL + more_per_cell)
     room = available_bytes()
     if wanted > room:
         raise InvalidMapError(
             f"wanted {wanted / 1e9:.1f} GB of memory to plan on {shape[0]} × {shape[1]} cells, "
-            f"got {room / 1e9:.1f} GB: plan on a smaller part, or with WindowedPlanner"
+            f"got {room / 1e9:.1f} GB: plan on a smaller part"
         )
 
 

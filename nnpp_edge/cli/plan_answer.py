@@ -25,10 +25,7 @@ _PROPERTIES = ("status", "method", "source", "cost")
 _CLOSE = 0.1
 """Share of a body's limit below which what is left of it is warned of."""
 _ANGLES = (("pitched", "pitch"), ("rolled", "roll"), ("tilted", "tilt"))
-_WINDOWS = (
-    "{gigabytes:.2f} GB by windows, {again:.1f} % of the cells again, coarse levels in "
-    "{map_s:.1f} s, peak memory {peak_memory_gb:.2f} GB"
-)
+_WINDOWS = "{gigabytes:.2f} GB in a temporary file, peak memory {peak_memory_gb:.2f} GB"
 _OF_LEGS = (*_PROPERTIES, "length_m", "time_s", "energy_j", "climb_m", "descent_m")
 _COMPARED = columns(
     "method | source | status | cost: cost .6g | gap: gap z.2% | ms: time_ms .2f | speed-up: "
@@ -56,9 +53,7 @@ class Answer:
     loading_included: bool = True
     """Whether the plan's times hold those of loading compiled code and the network."""
     windows: dict[str, float] | None = None
-    """Where the map was read by windows: GB and seconds, the share of cells read again, and peak
-    memory.
-    """
+    """Where heights lie in a file: GB of them, and peak memory; else None."""
     vehicle: Vehicle | None = None
     step_cost: str = "paper"
     tour: Tour | None = None
@@ -216,8 +211,7 @@ class Answer:
         loading = ", loading included" if self.loading_included else ""
         yield "time", f"{plan.timings_ms['total']:.2f} ms{loading} ({', '.join(stages)})"
         if self.windows:
-            again = 100.0 * self.windows["read_again"]
-            yield "read", _WINDOWS.format(**self.windows, again=again)
+            yield "read", _WINDOWS.format(**self.windows)
         yield "written", ", ".join(files)
 
     def on_the_ground(self) -> dict[str, str]:

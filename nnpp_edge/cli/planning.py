@@ -2,7 +2,7 @@
 
 import math
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
@@ -28,16 +28,16 @@ from nnpp_edge.cli.text import Row
 from nnpp_edge.progress import bar
 from nnpp_edge.runtime import Ground, Method, Plan, Planner, Traversability, exercises
 from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Cell, holding, nearest, widened
+from nnpp_edge.runtime.cells import Cell, Rectangle, holding, nearest, slices, widened
 from nnpp_edge.runtime.compiled.notice import told_if_slow
 from nnpp_edge.runtime.errors import InvalidQueryError, TerrainError
+from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.along import Along
-from nnpp_edge.runtime.memory import peak_bytes
+from nnpp_edge.runtime.memory import filed_zeros, peak_bytes
 from nnpp_edge.runtime.network import loading
 from nnpp_edge.runtime.options import PlanOptions, StepOptions
 from nnpp_edge.runtime.planners.query import problem_with
 from nnpp_edge.runtime.planners.tour import Tour
-from nnpp_edge.runtime.planners.windowed import WindowedPlanner
 from nnpp_edge.runtime.tuning import LARGE_MAP
 from nnpp_edge.terrain.coordinates import lonlat_of
 from nnpp_edge.terrain.dem import Dem, DemWindows, part_of
@@ -239,9 +239,7 @@ def plan_by_windows(
     path: Path,
     robot: GroundOptions,
 ) -> Answer:
-    """Plan on a map of which only the coarse levels and what lies under a corridor are in
-    memory.
-    """
+    """Plan on a map whose heights and costs lie in a temporary file."""
     method = query.get("method", Method.AUTO)
     unfit = {
         f"--method {method}": method in ("astar", "nnpp"),
@@ -256,51 +254,62 @@ def plan_by_windows(
             "method, which reads by "
             "windows, or cut out a part of the map"
         )
-    within = {"epsilon": query.get("epsilon", math.inf)}
-    within["time_limit_s"] = query.get("time_limit_s", math.inf)
-    with robot.open(path) as ground, bar("rows of the map", ground.shape[0]) as advance:
+    within: PlanOptions = {
+        "epsilon": query.get("epsilon", math.inf),
+        "time_limit_s": query.get("time_limit_s", math.inf),
+        "method": "corridor",
+    }
+    with robot.open(path) as ground:
         limits = robot.limits(ground)
         warn_if_not_square(ground)
         start, via, goals = _ends(request, ground)
-        planner = WindowedPlanner(
-            ground,
-            limits,
-            **steps,
-            mobility=robot.mobility(ground),
-            progress=lambda what, rows: advance(rows),  # once for each time that they are read
-        )
-        if not planner.any_passable:
-            refuse_map(ground)
-        tour = None
-        if via:
-            tour = planner.plan_via(start, goals[0], via, best_order=request.best_order, **within)
-            ranked = [(goals[0], tour.plan)]
-        else:
-            plans = [(goal, planner.plan(start, goal, **within)) for goal in goals]
-            ranked = sorted(plans, key=lambda found: (not found[1].ok, found[1].cost))
-        goal, plan = ranked[0]
-        names = _names(request, ground, tour)
-        if plan.source is None:  # no search was made
-            end = start if "START" in plan.status else goal
-            refuse(plan.status, start, goal, _around(planner, ground, limits, end))
-        assert plan.along is not None
-        route = Route(plan.path, plan.along, planner.costs.along(plan.path)[1], ground)
-        factor, cost = planner.coarse_costs(_MOST_PIXELS)
-        windows = {
-            "gigabytes": 1e-9
-            * planner.costs.cells_read
-            * ground.raster.dtype.itemsize,  # as they are stored
-            "read_again": planner.read_again,
-            "map_s": 1e-3 * planner.map_ms,
-            "peak_memory_gb": 1e-9 * peak_bytes(),
-        }
+        heights = filed_zeros(ground.shape, np.float32)
+        with bar("rows of the map", ground.shape[0]) as advance:
+            for part in _bands(ground):
+                heights[slices(part)] = ground.read(part)
+                advance(part[0] + part[2])
+        dem = Dem(heights, ground.cell_size_m, ground.cell_width_m, ground.georeference, path)
+    known = Ground.of_elevation(
+        heights,
+        dem.cell_size_m,
+        limits,
+        cell_width_m=dem.cell_width_m,
+        mobility=robot.mobility(dem),
+    )
+    planner = Planner(known, **steps)
+    tour = None
+    if via:
+        tour = planner.plan_via(start, goals[0], via, best_order=request.best_order, **within)
+        ranked = [(goals[0], tour.plan)]
+    else:
+        plans = [(goal, planner.plan(start, goal, **within)) for goal in goals]
+        ranked = sorted(plans, key=lambda found: (not found[1].ok, found[1].cost))
+    goal, plan = ranked[0]
+    names = _names(request, dem, tour)
+    if plan.source is None:  # no search was made
+        end = start if "START" in plan.status else goal
+        refuse(plan.status, start, goal, _around(dem, limits, end))
+    assert plan.along is not None
+    grid = planner.state.grid
+    costs = grid.inner(grid.weights)[tuple(plan.path.T)] / np.float32(grid.model.scale or 1.0)
+    route = Route(plan.path, plan.along, costs, dem)
+    windows = {
+        "gigabytes": 1e-9 * heights.nbytes,
+        "peak_memory_gb": 1e-9 * peak_bytes(),
+    }
+    levels = planner.state.pyramid.levels
+    factor = FACTOR ** (len(levels) - 1)
+    coarse = levels[-1].grid
+    cost = np.asarray(coarse.map() / np.float32(coarse.model.scale or 1.0))
+    if not np.isfinite(cost).any():
+        refuse_map(dem)
 
     def picture() -> Picture:
         places = (start, goal, *(tour.stops[1:-1] if tour else ()))
         first, last, *between = [(row // factor, col // factor) for row, col in places]
-        sides_m = (ground.cell_size_m * factor, ground.cell_width_m * factor)
+        sides_m = (dem.cell_size_m * factor, dem.cell_width_m * factor)
         return plan_picture(
-            Chart(cost, None, sides_m, ground.north_deg),
+            Chart(cost, None, sides_m, dem.north_deg),
             replace(plan, path=plan.path // factor),
             start=first,
             goal=last,
@@ -322,14 +331,19 @@ def plan_by_windows(
     )
 
 
-def _around(
-    planner: WindowedPlanner, ground: DemWindows, limits: Traversability, cell: Cell
-) -> Near:
+def _bands(ground: DemWindows) -> Iterator[Rectangle]:
+    """Rows of a map that are stored together."""
+    rows, cols = ground.shape
+    high = max(ground.block[0], 256)
+    return ((row, 0, min(high, rows - row), cols) for row in range(0, rows, high))
+
+
+def _around(dem: Dem, limits: Traversability, cell: Cell) -> Near:
     """Heights and costs around a cell of the map, or at its border where the cell lies outside."""
-    row, col = np.clip(cell, 0, np.subtract(planner.shape, 1)).tolist()
-    part = widened((row, col, 1, 1), (_AROUND, _AROUND), planner.shape)
-    _, elevation, cost = next(planner.costs.windows([part]))
-    return Near(ground, elevation, cost, limits, origin=part[:2])
+    row, col = np.clip(cell, 0, np.subtract(dem.shape, 1)).tolist()
+    part = widened((row, col, 1, 1), (_AROUND, _AROUND), dem.shape)
+    near = part_of(dem, part)
+    return Near(near, near.elevation, cost_of(near, limits), limits, origin=part[:2])
 
 
 def _on_the_ground(plan: Plan, ground: Ground) -> Plan:

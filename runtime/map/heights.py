@@ -13,7 +13,7 @@ from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.layers import Layer, Lowest, Put
 from nnpp_edge.runtime.map.pyramid import coarse_shapes
 from nnpp_edge.runtime.map.tiles import Tiles
-from nnpp_edge.runtime.memory import virtual_zeros
+from nnpp_edge.runtime.memory import is_filed, virtual_zeros
 from nnpp_edge.runtime.terrain.step_cost import StepModel
 from nnpp_edge.runtime.terrain.traversability import relative_heights, traversability_cost
 from nnpp_edge.runtime.tuning import MOST_PRICE
@@ -45,7 +45,7 @@ class Heights(Lowest):
         if unseen is not None:
             rows, cols = ground.shape
             heights = virtual_zeros(rows * cols, np.float32).reshape(rows, cols)
-        elif np.shares_memory(heights, dem):
+        elif np.shares_memory(heights, dem) and not is_filed(dem):
             heights = heights.copy()
         self.array = heights
         """(H, W) float32, relative to `base`; not finite where unknown. To be read only."""
@@ -63,7 +63,7 @@ class Heights(Lowest):
     def begin(self) -> Grid:
         rows, cols = self.array.shape
         blocks = None if self.unseen is None else self.unseen.layers
-        weights = bordered(rows, cols, small=blocks is not None)
+        weights = bordered(rows, cols, small=blocks is not None, filed=is_filed(self.array))
         rule = self._limits.rule(*self._sides, scale=self._model.scale)
         coarsest = FACTOR ** len(coarse_shapes(rows, cols))
         self.grid = Grid(rows, cols, self._model, self._cutting, weights)

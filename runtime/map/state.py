@@ -18,7 +18,12 @@ from nnpp_edge.runtime.map.changes import Change, ChangeLog, ChangeReader
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.layers import Costs, Layer, Lowest
-from nnpp_edge.runtime.memory import DIRECTED_BYTES_PER_CELL, bytes_per_cell, check_planner_fits
+from nnpp_edge.runtime.memory import (
+    DIRECTED_BYTES_PER_CELL,
+    bytes_per_cell,
+    check_planner_fits,
+    is_filed,
+)
 from nnpp_edge.runtime.terrain.step_cost import PAPER_OMEGA, StepCost, StepModel
 
 if TYPE_CHECKING:
@@ -311,7 +316,8 @@ def map_state(
     body_bytes = 0 if heights is None or vehicle is None else bytes_per_cell(vehicle)
     by_slope = heights is not None and ground.by_slope
     if ground.factor == 1 or body_bytes:  # else memory goes by what is seen
-        check_planner_fits(ground.shape, DIRECTED_BYTES_PER_CELL * by_slope + body_bytes)
+        more = DIRECTED_BYTES_PER_CELL * by_slope + body_bytes
+        check_planner_fits(ground.shape, more, filed=is_filed(heights))
     if warn and heights is not None and ground.factor == 1:
         from nnpp_edge.runtime.terrain.traversability import relative_heights, warn_of_saturation
 

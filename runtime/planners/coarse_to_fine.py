@@ -15,7 +15,6 @@ from nnpp_edge.runtime.kernels.corridor import close_dead_ends, surround
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.pyramid import Level
 from nnpp_edge.runtime.map.state import MapState
-from nnpp_edge.runtime.map.streamed import StreamedMap
 from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.planners.plan import Source
 from nnpp_edge.runtime.planners.query import Found, Work
@@ -177,7 +176,7 @@ class CoarseToFine:
     nothing the second time.
     """
 
-    def __init__(self, state: MapState | StreamedMap, finest: Workspace) -> None:
+    def __init__(self, state: MapState, finest: Workspace) -> None:
         self._state = state
         self._finest = finest
         self._levels = state.pyramid_by(NEVER).levels

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,9 +18,6 @@ from nnpp_edge.runtime.robots.robot import Robot
 from nnpp_edge.runtime.search.astar import Query, Search
 from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.stopwatch import Stopwatch
-
-if TYPE_CHECKING:
-    from nnpp_edge.runtime.map.streamed import StreamedMap
 
 _REASONS = {
     Status.NO_PATH: "no path exists on the known map",
@@ -102,7 +99,7 @@ class Found(NamedTuple):
         self,
         by: DynamicMethod,
         work: Work,
-        state: "MapState | StreamedMap",
+        state: MapState,
         checked_before: int = 0,
         *,
         choice: str = "",

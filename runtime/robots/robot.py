@@ -55,8 +55,11 @@ class Stance:
 
     reach: Cell = (0, 0)
     """Rows and columns from a cell to those that are below it on its way from there."""
-    checks = 0
-    """Number of poses that have been checked so far."""
+
+    @property
+    def checks(self) -> int:
+        """Number of poses that have been checked so far."""
+        return 0
 
     def weights(self, grid: "Grid") -> Float32s:
         """(nodes,) inf where no step may lead; empty where the moves' states decide."""

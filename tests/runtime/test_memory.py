@@ -17,7 +17,6 @@ import pytest
 
 from nnpp_edge.runtime import DynamicPlanner, Planner, Vehicle, memory, warmup
 from nnpp_edge.runtime.errors import InvalidMapError
-from nnpp_edge.runtime.map.streamed import StreamedMap
 from nnpp_edge.runtime.memory import (
     available_bytes,
     check_planner_fits,
@@ -27,7 +26,6 @@ from nnpp_edge.runtime.memory import (
     virtual_zeros,
 )
 from nnpp_edge.runtime.planners import methods
-from nnpp_edge.runtime.terrain.step_cost import StepModel
 
 
 def test_memory_is_there_values_stay_and_what_may_not_be_written_is_left_alone():
@@ -166,7 +164,7 @@ def test_a_corridor_of_a_large_map_has_small_pages(monkeypatch):
 
 def test_a_map_too_large_for_memory_is_refused_before_anything_is_allocated(monkeypatch):
     huge = np.broadcast_to(np.float32(0.2), (4_000_000, 1_000_000))
-    with pytest.raises(InvalidMapError, match=r"wanted 64000.0 GB of memory .* WindowedPlanner"):
+    with pytest.raises(InvalidMapError, match="at most 2000000000 cells"):
         Planner(huge)
     check_planner_fits((2048, 2048))
     monkeypatch.setattr(memory, "available_bytes", lambda: 4096 * 4096 * 20)
@@ -179,8 +177,20 @@ def test_a_map_too_large_for_memory_is_refused_before_anything_is_allocated(monk
     for vehicle, gigabytes in ((body, 3.0), (car, 3.6), (replace(car, gear_change_m=1.0), 5.7)):
         with pytest.raises(InvalidMapError, match=f"wanted {gigabytes} GB"):
             Planner.of_elevation(wide, 0.25, vehicle=vehicle)
-    with pytest.raises(InvalidMapError, match="cells"):
-        StreamedMap((60_000, 60_000), StepModel.of("paper"))
+    with pytest.raises(InvalidMapError, match="at most 2000000000 cells"):
+        check_planner_fits((60_000, 60_000), filed=True)
+
+
+def test_a_map_in_a_file_is_planned_on_as_one_in_memory():
+    heights = np.random.default_rng(3).normal(0.0, 0.02, (300, 280)).astype(np.float32)
+    filed = memory.filed_zeros(heights.shape, np.float32)
+    filed[:] = heights
+    plans = [Planner.of_elevation(each, 1.0, warn=False) for each in (heights, filed)]
+    one, other = (each.plan((5, 5), (290, 270), method="corridor") for each in plans)
+    assert one.ok and np.array_equal(one.path, other.path) and one.cost == other.cost
+    state = plans[1].state
+    assert np.shares_memory(state.heights.array, filed) and memory.is_filed(state.grid.weights)
+    assert not memory.is_filed(heights)
 
 
 @pytest.mark.parametrize("robot", ["point", "slope", "body", "arcs"])
