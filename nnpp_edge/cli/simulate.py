@@ -5,14 +5,14 @@ knows only roughly.
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import click
 
 from nnpp_edge.cli import options
 from nnpp_edge.cli.ground_options import GroundOptions, Known, TerrainOptions
 from nnpp_edge.cli.requests import PLACE, End, Start
-from nnpp_edge.cli.text import aligned, tell
+from nnpp_edge.cli.text import Row, aligned, tell
 from nnpp_edge.robot.transports.wiring import View
 from nnpp_edge.runtime.options import METHODS, StepOptions
 
@@ -201,7 +201,7 @@ def command(
         click.get_current_context().exit(1)
 
 
-def text(drive: "Drive", result: dict[str, Any], name: str) -> str:
+def text(drive: "Drive", result: Row, name: str) -> str:
     """The result for people, on a part of the map of this name."""
     ticks = drive.counters
     degraded = ", ".join(f"{count} {kind}" for kind, count in sorted(ticks.degraded.items()))
