@@ -7,7 +7,6 @@ They meet on the loopback interface, in a domain of their own. Messages that are
 import json
 import math
 import os
-import re
 import subprocess
 import sys
 import threading
@@ -377,11 +376,10 @@ def test_headings_are_exact_in_all_four_quadrants(node, peer, tmp_path, rows_alo
 
 
 def test_an_elevation_map_is_sent_and_a_path_got_with_what_the_wheels_have(environment):
-    """The example of the document, as it stands there, beside a node of its own."""
-    (example,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs/ros2.md").read_text(), re.S)
+    """The example of docs/ros2.md, beside a node of its own."""
     apart = environment | {"ROS_DOMAIN_ID": str(1 + (os.getpid() + 50) % 100), "PYTHONPATH": ""}
     with closing(Node(apart, None, "-p", "map_size_m:=20.0", "-p", "resolution:=0.25")) as node:
-        command = [sys.executable, "-c", example]
+        command = [sys.executable, ROOT / "deploy/ros2/send_elevations.py"]
         done = subprocess.run(command, env=apart, capture_output=True, text=True, timeout=60)
         node.said("grid_map_msgs is missing: install ros-DISTRO-grid-map-msgs, or send")
     path = np.array([line.split() for line in done.stdout.splitlines()], float)
