@@ -1,7 +1,7 @@
 """The node against ROS 2 itself: `nnpp-edge ros` in one process, plain rclpy in another.
 
 They meet on the loopback interface, in a domain of their own. Messages that are on no wheel
-(grid_map_msgs, map_msgs, nav2_msgs) are built by `ros2_types`.
+(grid_map_msgs, nav2_msgs) are built by `ros2_types`.
 """
 
 import json
@@ -385,27 +385,6 @@ def test_an_elevation_map_is_sent_and_a_path_got_with_what_the_wheels_have(envir
     path = np.array([line.split() for line in done.stdout.splitlines()], float)
     assert np.abs(path[[0, -1]] - [(-8.0, 0.0), (8.0, 0.0)]).max() < 0.26
     assert np.hypot(*path.T).min() > 1.5  # around the hill
-
-
-def test_another_map_takes_the_place_of_the_one_before_and_a_part_of_it_is_changed(node, peer):
-    node.map(hall())
-    node.run(radius_m=0.3)
-    node.odom(1.0, 1.0)
-    node.goal(14.0, 1.0)
-    first = node.path()
-    assert first[:, 1].max() > 7.5
-    node.map(hall(40, 60)[:, ::-1] * 0)  # the same cells, all free
-    assert node.path()[:, 1].max() < 2.0
-    wall = {"x": 20, "y": 0, "width": 1, "height": 36, "data": [100] * 36}
-    message = wall | {"header": {"frame_id": "map"}}
-    peer.send("publish", "map_updates", "map_msgs/msg/OccupancyGridUpdate", message=message)
-    assert node.path()[:, 1].max() > 8.0
-    grown = np.zeros((80, 100), np.int8)
-    node.map(grown, x=-5.0, y=-5.0)  # as a map grows: the robot and its goal stay where they are
-    path = node.path()
-    assert path[:, 1].max() < 2.0
-    assert np.hypot(*(path[0, :2] - (1.0, 1.0))) < 0.3
-    assert np.hypot(*(path[-1, :2] - (14.0, 1.0))) < 0.3
 
 
 def window(heights, x, y, side=0.25, **ring):
