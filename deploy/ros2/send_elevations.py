@@ -1,7 +1,7 @@
-"""Send a map of elevations, a pose and a goal to `nnpp-edge ros` by rclpy alone, and print its path.
+"""Send a map of elevations, a pose and a goal to `nnpp-edge ros` by rclpy alone; print its path.
 
-    nnpp-edge ros --ros-args -p map_size_m:=20.0 -p resolution:=0.25 &
-    python send_elevations.py
+nnpp-edge ros --ros-args -p map_size_m:=20.0 -p resolution:=0.25 &
+python send_elevations.py
 """
 
 from array import array
