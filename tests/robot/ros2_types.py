@@ -50,11 +50,6 @@ DEFINITIONS = {
             "std_msgs/Float32MultiArray[] data\nuint16 outer_start_index\nuint16 inner_start_index\n"
         ),
     },
-    "map_msgs": {
-        "msg/OccupancyGridUpdate.msg": (
-            "std_msgs/Header header\nint32 x\nint32 y\nuint32 width\nuint32 height\nint8[] data\n"
-        ),
-    },
     "nav2_msgs": {
         "action/ComputePathToPose.action": (
             f"geometry_msgs/PoseStamped goal\n{GOAL}{codes(200, 9)}{PATH_RESULT}"

@@ -1,5 +1,4 @@
-"""Messages as this package writes them, beside those that rclpy serializes; and GridMaps that rclpy
-has made, read.
+"""Messages as this package writes them, beside those that rclpy serializes.
 
 More of them: ``NNPP_EDGE_MESSAGES=10000 pytest tests/robot/test_ros2_messages.py``.
 """
@@ -14,7 +13,7 @@ pytest.importorskip("rclpy")
 
 from rclpy.serialization import deserialize_message, serialize_message
 
-from nnpp_edge.ros.maps import GridMap, MapFrame
+from nnpp_edge.ros.maps import MapFrame
 from nnpp_edge.ros.messages import (
     grid_message,
     heights_message,
@@ -133,24 +132,3 @@ def test_the_bytes_of_a_message_are_those_that_rclpy_writes(made):
         # bytes between fields are 0 in ours, and anything in theirs
         assert 0 <= len(theirs) - len(ours) < 4
         assert not ours[theirs[: len(ours)] != ours].any()
-
-
-def test_a_grid_map_that_rclpy_has_serialized_is_read_wherever_its_ring_begins():
-    from grid_map_msgs.msg import GridMap as Message
-
-    rng = np.random.default_rng(6)
-    for _ in range(COUNT):
-        message, _ = a_grid_map(rng, 1, "map")
-        layer = message.data[0]
-        across, along = (dim.size for dim in layer.layout.dim)
-        wanted = np.reshape(layer.data, (across, along)).T.copy()
-        wanted[rng.random(wanted.shape) < 0.2] = np.nan
-        start = (int(rng.integers(along)), int(rng.integers(across)))
-        ring = np.roll(wanted, start, axis=(0, 1))
-        row_by_row = bool(rng.integers(2))
-        layer.data = ring.ravel(order="C" if row_by_row else "F").tolist()
-        if row_by_row:
-            layer.layout.dim = layer.layout.dim[::-1]
-        message.outer_start_index, message.inner_start_index = start
-        read = GridMap.of_message(deserialize_message(serialize_message(message), Message))
-        np.testing.assert_array_equal(read.layer(), wanted)

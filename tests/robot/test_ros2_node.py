@@ -182,7 +182,7 @@ def test_what_is_refused_leaves_the_loop_as_it_was(alone):
             assert alone.path() == before
         alone.hear["map"](grid())
     wait_until(lambda: "map: " not in alone.told())  # once another is taken
-    alone.hear["map"](grid(80, 100))
+    alone.hear["map"](grid(80, 100, origin=at(-1.0, -1.0)))  # the robot and its goal stay there
     assert alone.path() == before
 
 
