@@ -101,7 +101,6 @@ def test_the_command_prints_a_table_and_a_recommendation(
     for name, fact in (
         ("left float", f"encoder.describe/Conv, {FIRST}, {SECOND}"),
         ("calibrated", f"on 8 queries of {dataset}"),
-        ("judged", f"on {RECIPE.maps}"),
     ):
         assert f"{name} {fact}" in printed and f"- {name}: {fact}" in card
     assert ended.out.splitlines()[-1] == card.splitlines()[-1]
