@@ -53,9 +53,6 @@ term's limit.
 BAND_CELLS, BANDS_AHEAD = 1 << 22, 3
 """Cells of a band of rows that is read and computed as one, about: 16 MB of heights; bands that
 are read ahead, as blocks are decoded for several bands at once, which the others then wait for."""
-LEAST_WINDOW, LEG_CELLS = 256, 256
-"""Cells: windows under a corridor are at least so high and wide, where blocks are smaller; those
-of a path whose heights are read by one window."""
 
 # Exact search
 

@@ -15,7 +15,6 @@ LONGEST_FILES = (
     "test_quantize.py",
     "test_gallery.py",
     "test_dataset.py",
-    "test_dataset_cluster.py",
     "test_run.py",
     "test_profile.py",
     "test_main.py",
@@ -23,7 +22,6 @@ LONGEST_FILES = (
 SLOW_FOLDERS = ("reproduction", "training")
 SLOW_FILES = (
     "test_dataset.py",
-    "test_dataset_cluster.py",
     "test_kernel_cache.py",
     "test_run.py",
     "test_warmup.py",

@@ -59,7 +59,7 @@ NOT_RUN = {
     "docs/reproduce.md": "an hour; tests/reproduction",
     "docs/models.md": "hours of training; tests/training",
     "docs/reference/shipped-models.md": "hours of training; tests/training",
-    "docs/dataset.md": "machines of a cluster; tests/training",
+    "docs/dataset.md": "minutes; tests/training",
     "docs/deploy.md": "a robot's system, and root",
     "docs/large-maps.md": "a map of 20,000 × 20,000 cells",
     "CONTRIBUTING.md": "minutes",

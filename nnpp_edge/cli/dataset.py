@@ -1,7 +1,6 @@
 """`nnpp-edge dataset`: labelled samples from terrain."""
 
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -34,7 +33,6 @@ _PAPERS = {
     "poolings": ((1, 1.0),),
     "margin_share": 0.0,
 }
-_SCHEDULER = "Of a Dask scheduler (tcp://10.0.0.5:8786) to make the shards."
 
 
 @options.command("dataset")
@@ -60,7 +58,6 @@ def command(
     terrain: TerrainOptions,
     omega: Omega = 0.011,
     workers: Annotated[int | None, "Processes; by default one a core."] = None,
-    scheduler: Annotated[str | None, {"metavar": "ADDRESS"}, _SCHEDULER] = None,
     seed: options.Seed = 1,
     as_json: options.AsJson = False,
 ) -> None:
@@ -77,10 +74,6 @@ def command(
     nnpp-edge dataset dem.tif -o data/val --validation-share 0.2 --own-cell-size --held-out
     """
     own_limits = bool(terrain.limit or terrain.workload)
-    if workers and scheduler:
-        raise click.UsageError(
-            "--workers counts processes on this machine; leave it out with --scheduler"
-        )
     if papers_maps and (own_cell_size or terrain.rescale or own_limits):
         raise click.UsageError(
             "--papers-maps decides cells and limits: leave out --own-cell-size, --rescale and "
@@ -91,7 +84,6 @@ def command(
     if held_out and not validation_share:
         raise click.UsageError("--held-out uses what --validation-share leaves out: give that, too")
     from nnpp_edge.progress import bar
-    from nnpp_edge.terrain.cluster import shards_on_cluster
     from nnpp_edge.terrain.dataset import make_dataset, read_known
     from nnpp_edge.terrain.known import fitted_slope
     from nnpp_edge.terrain.shards import Recipe
@@ -120,9 +112,8 @@ def command(
         cell_size_m=terrain.cell_size,
         **kind,  # type: ignore[arg-type]  # it checks them
     )
-    make = partial(shards_on_cluster, scheduler) if scheduler else None
     with bar("shards", recipe.shards) as advance:
-        counts = make_dataset(recipe, output, workers=workers, make=make, progress=advance)
+        counts = make_dataset(recipe, output, workers=workers, progress=advance)
     words = "{folder}: {shards} of {of} shards, {maps} maps, {queries} queries"
     if known:
         counts |= fitted_slope(read_known(output))._asdict()

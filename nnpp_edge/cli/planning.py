@@ -38,7 +38,6 @@ from nnpp_edge.runtime.network import loading
 from nnpp_edge.runtime.options import PlanOptions, StepOptions
 from nnpp_edge.runtime.planners.query import problem_with
 from nnpp_edge.runtime.planners.tour import Tour
-from nnpp_edge.runtime.terrain.windows import CostWindows
 from nnpp_edge.runtime.tuning import LARGE_MAP
 from nnpp_edge.terrain.coordinates import lonlat_of
 from nnpp_edge.terrain.dem import Dem, DemWindows, part_of
@@ -291,8 +290,9 @@ def plan_by_windows(
         end = start if "START" in plan.status else goal
         refuse(plan.status, start, goal, _around(dem, limits, end))
     assert plan.along is not None
-    with robot.open(path) as ground:
-        route = Route(plan.path, plan.along, CostWindows(ground, limits).along(plan.path)[1], dem)
+    grid = planner.state.grid
+    costs = grid.inner(grid.weights)[tuple(plan.path.T)] / np.float32(grid.model.scale or 1.0)
+    route = Route(plan.path, plan.along, costs, dem)
     windows = {
         "gigabytes": 1e-9 * heights.nbytes,
         "peak_memory_gb": 1e-9 * peak_bytes(),

@@ -22,7 +22,6 @@ _STEPS = (
     "that training."
 )
 _TIME_LIMIT = "Minutes, about: the speed of the first 200 steps decides the number of steps."
-_SMALL = "Keep only the mean weights, in 16 bits; a resumed run warms up a new optimiser."
 _PRECISION = (
     "Of the convolutions; auto: bfloat16 on a GPU. bfloat16 is twice as fast on a CPU with AMX."
 )
@@ -70,7 +69,6 @@ def command(
     ] = None,
     time_limit: Annotated[float | None, _TIME_LIMIT] = None,
     make: Annotated[bool, _MAKE] = False,
-    small_checkpoints: Annotated[bool, _SMALL] = False,
     pause_after: Annotated[float | None, "Minutes; the same command continues."] = None,
     threads: Annotated[int | None, "Of torch on the CPU; by default one a core."] = None,
     as_json: options.AsJson = False,
@@ -117,7 +115,6 @@ def command(
             output,
             omega=growing.recipe.omega,
             begin_with=begin_with,
-            small_checkpoints=small_checkpoints,
             pause_after_s=60.0 * (pause_after or math.inf),
             report=lambda share, words: advance(int(THOUSANDTHS * share), words),
         )

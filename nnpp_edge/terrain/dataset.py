@@ -102,10 +102,9 @@ def make_dataset(
     """Write what is missing of a data set; numbers of ``shards``, ``maps``, ``queries``, and of all
     shards (``of``).
 
-    The folder is made if need be; shards that are there are kept. To `make` shards elsewhere
-    (`terrain.cluster`) is to yield number and content of each missing one as it is done, from the
-    recipe, the terrain and the numbers; else `workers` processes do, one a core. `progress` is
-    called with how many are done.
+    The folder is made if need be; shards that are there are kept. `make` yields number and content
+    of each missing one as it is done, from the recipe, the terrain and the numbers; by default
+    `workers` processes do, one a core. `progress` is called with how many are done.
 
     Raises DataSetError, TerrainError or OutputError where the folder holds another set, damaged
     shards, or cannot be written to; terrain cannot be read, is too small or has no two cells to

@@ -54,7 +54,6 @@ def train(
     *,
     omega: float,
     begin_with: Path | None = None,
-    small_checkpoints: bool = False,
     pause_after_s: float = math.inf,
     report: Report = ignore,
 ) -> Path:
@@ -68,9 +67,7 @@ def train(
     `begin_with`, whose input may have another size. The two data sets are of one kind. A training
     set that grows is looked at before each epoch; epochs are counted as of the whole set.
 
-    With `small_checkpoints` only the running mean of the weights is saved, convolutions in 16 bits:
-    a resumed run goes on from the mean with a new optimiser, whose learning rate is warmed up
-    again. After `pause_after_s` seconds the run is saved, wherever it is; called again it goes on.
+    After `pause_after_s` seconds the run is saved, wherever it is; called again it goes on.
     `report` is called twice a second.
 
     Under ``torchrun`` each process takes its share of every batch and gradients are averaged; only
@@ -104,13 +101,13 @@ def train(
         if validator is not None:
             progress.history.append(run.validated(validator, loss))
             if not progress.waited:
-                run.checkpoint(small=small_checkpoints, best=True).save(folder / BEST)
+                run.checkpoint(best=True).save(folder / BEST)
         run.validation_s = processes.of_the_first(time.monotonic() - validating)
         run.since_validated()
 
     def save() -> None:
         if processes.first:
-            run.checkpoint(small=small_checkpoints).save(last)
+            run.checkpoint().save(last)
 
     def stops() -> bool:
         waited = processes.first and run.out_of_patience
@@ -466,20 +463,12 @@ class Run:
                 row["score"] = judged.score
         return row
 
-    def checkpoint(self, *, small: bool, best: bool = False) -> Checkpoint:
-        """All of the run; of the `best`, or a small one, only the running mean."""
+    def checkpoint(self, *, best: bool = False) -> Checkpoint:
+        """All of the run; of the `best` only the running mean."""
         network = self.network.state_dict()
         average = self.average.state_dict()
         optimiser = self.optimiser.state_dict()
         if best:
-            network = average
-            optimiser = {}
-        if small:
-            # vectors, few numbers beside the convolutions' weights, stay as they are
-            average = {
-                name: values.half() if values.ndim > 1 else values
-                for name, values in average.items()
-            }
             network = average
             optimiser = {}
         return Checkpoint(

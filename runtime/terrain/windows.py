@@ -10,12 +10,11 @@ from queue import Empty, SimpleQueue
 from typing import Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Rectangle, widened
+from nnpp_edge.runtime.cells import Rectangle
 from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost
-from nnpp_edge.runtime.tuning import BAND_CELLS, BANDS_AHEAD, LEG_CELLS
+from nnpp_edge.runtime.tuning import BAND_CELLS, BANDS_AHEAD
 
 T = TypeVar("T")
 
@@ -54,8 +53,6 @@ class CostWindows:
     ) -> None:
         self.heights = heights
         self._limits = traversability or Traversability()
-        self.cells_read = 0
-        """Heights read so far; those that were read again are counted again."""
 
     def bands(self) -> Iterator[tuple[int, Float2D, Float2D]]:
         """First row, heights and costs of bands of rows, from top to bottom; each height is read
@@ -69,43 +66,11 @@ class CostWindows:
         parts = [(row, 0, min(step, rows - row), cols) for row in range(0, rows, step)]
         none = np.empty((0, cols), np.float32)
         above = none
-        read = itertools.chain(_ahead(self._read, parts), [((rows, 0, 0, 0), none)])
+        read = itertools.chain(_ahead(self.heights.read, parts), [((rows, 0, 0, 0), none)])
         for (part, heights), (_, below) in itertools.pairwise(read):
             cost = self._cost(np.concatenate([above, heights, below[:1]]))
             yield part[0], heights, cost[len(above) : len(above) + len(heights)]
             above = heights[-1:]
-
-    def windows(self, parts: Iterable[Rectangle]) -> Iterator[tuple[Rectangle, Float2D, Float2D]]:
-        """Rectangles of the map with their heights and costs."""
-
-        def read(part: Rectangle) -> tuple[Float2D, Rectangle]:
-            whole = widened(part, (1, 1), self.heights.shape)
-            return self._read(whole), whole
-
-        for part, (heights, whole) in _ahead(read, parts):
-            top = part[0] - whole[0]
-            left = part[1] - whole[1]
-            inside = slice(top, top + part[2]), slice(left, left + part[3])
-            yield part, heights[inside], self._cost(heights)[inside]
-
-    def along(self, path: NDArray[np.int32]) -> tuple[Float2D, Float2D]:
-        """(N,) heights and costs of the cells of a path (N, 2)."""
-        legs = [path[at : at + LEG_CELLS] for at in range(0, len(path), LEG_CELLS)]
-        parts = []
-        for leg in legs:
-            row, col = leg.min(axis=0).tolist()
-            rows, cols = (leg.max(axis=0) + 1 - (row, col)).tolist()
-            parts.append((row, col, rows, cols))
-        found = [np.empty((2, 0), np.float32)]
-        for leg, (part, heights, cost) in zip(legs, self.windows(parts), strict=True):
-            at = tuple((leg - part[:2]).T)
-            found.append(np.stack([heights[at], cost[at]]))
-        heights, cost = np.concatenate(found, axis=1)
-        return heights, cost
-
-    def _read(self, part: Rectangle) -> Float2D:
-        self.cells_read += part[2] * part[3]
-        return self.heights.read(part)
 
     def _cost(self, heights: Float2D) -> Float2D:
         size = self.heights.cell_size_m

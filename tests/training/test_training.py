@@ -28,7 +28,7 @@ from nnpp_edge.training.validation import Validator
 from tests.training.conftest import RECIPE, SMALL, VALIDATED_AFTER, enlarged
 
 ROOT = Path(__file__).parent.parent.parent
-RUN = ("begin_with", "small_checkpoints", "pause_after_s", "judged_on")
+RUN = ("begin_with", "pause_after_s", "judged_on")
 
 
 def run(samples, folder, spec=SMALL, **changes):
@@ -87,22 +87,6 @@ def test_a_stopped_run_goes_on_where_it_was(samples, tmp_path):
     assert len(second.history) == 3  # before, and after each
     with pytest.raises(ModelError, match="wanted a checkpoint of"):
         run(samples, tmp_path, replace(SMALL, sigma=0.1))
-
-
-def test_a_paused_run_goes_on_from_a_small_checkpoint(samples, tmp_path):
-    """The rest is made of the mean weights in 16 bits, with a new optimiser that is warmed up."""
-    small = tmp_path / "small"
-    whole = run(samples, tmp_path / "whole")
-    paused = run(samples, small, small_checkpoints=True, pause_after_s=0.0)
-    assert paused.progress.step == 0
-    sizes = [(folder / "last.pt").stat().st_size for folder in (small, tmp_path / "whole")]
-    assert sizes[0] < 0.25 * sizes[1]
-    for name, values in paused.network.items():
-        assert torch.equal(values, paused.average[name])
-    resumed = run(samples, small, small_checkpoints=True)
-    assert resumed.progress.step == whole.progress.step > 5
-    assert resumed.origin["resumed_without_optimiser"]
-    assert len(resumed.progress.history) == 2
 
 
 @pytest.mark.parametrize("greatest", [255, 200], ids=["impassable cells", "averaged ones"])

@@ -51,7 +51,6 @@ class Wiring:
         {"metavar": "ENDPOINT"},
         "Connect to this router or peer instead of listening.",
     ] = None
-    zenoh_prefix: Annotated[str, "First part of all topics."] = "nnpp_edge"
     record: Annotated[Path | None, _HELP["record"]] = None
     log: Annotated[Path | None, _HELP["log"]] = None
     metrics: Annotated[

@@ -71,7 +71,7 @@ class ZenohLink:
         wiring = setup.wiring
         sent = {entry.name: endpoint for entry, endpoint in wiring.sinks}.get("zenoh")
         endpoint = place or sent or LOOPBACK
-        return cls(endpoint, connect=wiring.zenoh_connect, prefix=wiring.zenoh_prefix)
+        return cls(endpoint, connect=wiring.zenoh_connect)
 
     def close(self) -> None:
         """End the session, within a second."""
