@@ -51,8 +51,6 @@ _REPEATS = 3
 _COMPARED = ("method", "source", "status", "cost", "length", "expansions")
 _AROUND = 64
 """Cells around a blocked start or goal in which a passable one is looked for."""
-_MOST_PIXELS = 2000
-"""Of a picture's longer side: as many as `viz` draws."""
 
 
 def _ends(request: PlanRequest, place: Place) -> "Ends":
@@ -297,14 +295,12 @@ def plan_by_windows(
         "gigabytes": 1e-9 * heights.nbytes,
         "peak_memory_gb": 1e-9 * peak_bytes(),
     }
-    levels = planner.state.pyramid.levels
-    factor = FACTOR ** (len(levels) - 1)
-    coarse = levels[-1].grid
-    cost = np.asarray(coarse.map() / np.float32(coarse.model.scale or 1.0))
-    if not np.isfinite(cost).any():
-        refuse_map(dem)
 
     def picture() -> Picture:
+        levels = planner.state.pyramid.levels
+        factor = FACTOR ** (len(levels) - 1)
+        coarse = levels[-1].grid
+        cost = np.asarray(coarse.map() / np.float32(coarse.model.scale or 1.0))
         places = (start, goal, *(tour.stops[1:-1] if tour else ()))
         first, last, *between = [(row // factor, col // factor) for row, col in places]
         sides_m = (dem.cell_size_m * factor, dem.cell_width_m * factor)

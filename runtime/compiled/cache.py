@@ -23,7 +23,7 @@ import signal
 import sys
 import threading
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import Timer
@@ -227,22 +227,8 @@ def _write(path: Path, content: bytes) -> None:
         raise
 
 
-class _Held:
-    """What Ctrl-C is to do, and what has come meanwhile."""
-
-    def __init__(self) -> None:
-        self.handler = signal.getsignal(signal.SIGINT)
-        self.came: list[FrameType | None] = []
-        signal.signal(signal.SIGINT, lambda number, frame: self.came.append(frame))
-
-    def let_go(self) -> None:
-        """Handle what came."""
-        signal.signal(signal.SIGINT, self.handler)
-        if self.came and callable(self.handler):
-            self.handler(signal.SIGINT, self.came[0])
-
-
-_held: list[_Held] = []
+_let_come: list[Callable[[], None]] = []
+"""While SIGINT waits, what ends that."""
 
 
 @contextmanager
@@ -251,12 +237,21 @@ def interrupts_wait() -> Iterator[None]:
 
     numba's tables would else be left with half of what belongs together, and a later call fail.
     """
-    in_main = threading.current_thread() is threading.main_thread()
+    handler = signal.getsignal(signal.SIGINT)
     # only the main thread is interrupted; a handler that Python does not know cannot be put back
-    if not in_main or _held or signal.getsignal(signal.SIGINT) is None:
+    in_main = threading.current_thread() is threading.main_thread()
+    if not in_main or _let_come or not callable(handler):
         yield
         return
-    _held.append(_Held())
+    came: list[FrameType | None] = []
+    signal.signal(signal.SIGINT, lambda number, frame: came.append(frame))
+
+    def let_come() -> None:
+        signal.signal(signal.SIGINT, handler)
+        if came:
+            handler(signal.SIGINT, came[0])
+
+    _let_come.append(let_come)
     try:
         yield
     finally:
@@ -264,6 +259,5 @@ def interrupts_wait() -> Iterator[None]:
 
 
 def _let_interrupts_come() -> None:
-    if threading.current_thread() is threading.main_thread():
-        while _held:
-            _held.pop().let_go()
+    if threading.current_thread() is threading.main_thread() and _let_come:
+        _let_come.pop()()

@@ -111,5 +111,4 @@ class Searching:
             planner=method,
             expansions=self.work.expansions,
             reason=reason,
-            timings_ms=self.work.timings_ms,
         )
