@@ -344,7 +344,7 @@ def compare(fp32: NetworkModel, int8: NetworkModel, queries: Queries, judge: Jud
         float(difference.max()),
         judge(exact),
         judge(rounded),
-        *fp32_and_int8_ms(fp32, int8),
+        *fp32_and_int8_ms(str(fp32.path), str(int8.path)),
     )
 
 

@@ -24,7 +24,6 @@ from nnpp_edge.files import write_all
 from nnpp_edge.profiling.inference import fp32_and_int8_ms
 from nnpp_edge.profiling.machine import environment
 from nnpp_edge.progress import MISSING, markdown_table
-from nnpp_edge.runtime.network.inference import NetworkModel
 
 Results = dict[str, Any]
 """Rows by suite, and where they were measured; or one row of figures."""
@@ -334,9 +333,9 @@ def _measured(suite: str, terrain: Path, options: str) -> list[Results]:
 def _papers_int8_speedup() -> float:
     """How many times as fast as fp32 the paper's network is in int8."""
     with TemporaryDirectory() as folder:
-        fp32 = Path(folder) / "paper-fp32.onnx"
+        fp32 = f"{folder}/paper-fp32.onnx"
         subprocess.check_output([_OURS, "export", PAPERS_WEIGHTS, "-o", fp32])
-        fp32_ms, int8_ms = fp32_and_int8_ms(NetworkModel(fp32), NetworkModel("paper"))
+        fp32_ms, int8_ms = fp32_and_int8_ms(fp32, "paper")
     return fp32_ms / int8_ms
 
 

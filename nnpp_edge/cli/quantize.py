@@ -13,7 +13,7 @@ from nnpp_edge.cli.text import aligned, columns, table
 if TYPE_CHECKING:
     from nnpp_edge.calibrate.quantize import QuantizeReport
 
-_SIZE_AND_TIME = "precision | MB: size_mb .2f | after a/plan, ms: after_plan_ms .3f"
+_SIZE_AND_TIME = "precision | MB: size_mb .2f | after a plan,/one thread, ms: after_plan_ms .3f"
 _REGION = (
     "region,/td ×: factor g | cost gap: gap z.3% | found in/region: success .1% | "
     "region, of/the map: region_share .2%"

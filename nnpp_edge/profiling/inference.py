@@ -38,10 +38,12 @@ def inference_ms(networks: Mapping[str, NetworkModel], harness: Harness) -> dict
     return found
 
 
-def fp32_and_int8_ms(fp32: NetworkModel, int8: NetworkModel) -> tuple[float, float]:
-    """Median milliseconds of both, in turns, so that whatever else the machine does slows both."""
+def fp32_and_int8_ms(fp32: str, int8: str) -> tuple[float, float]:
+    """Median milliseconds of both models, by name or path, in turns, so that whatever else the
+    machine does slows both. On one thread: two wait for each other, most on a busy machine.
+    """
     harness = Harness()
-    networks = {"fp32": fp32, "int8": int8}
+    networks = {model: NetworkModel(model, threads=1) for model in (fp32, int8)}
     times = [inference_ms(networks, harness) for _ in range(ROUNDS)]
     fp32_ms, int8_ms = (median(each[name] for each in times) for name in networks)
     return fp32_ms, int8_ms
