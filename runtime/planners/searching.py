@@ -19,8 +19,8 @@ class Options(NamedTuple):
     """How a path is looked for."""
 
     method: DynamicMethod
-    keep_regions: bool = False
-    approach: bool = False
+    keep_regions: bool
+    approach: bool
     """Whether the path leads as near to the goal as there is a way, where none leads to it."""
 
     @property

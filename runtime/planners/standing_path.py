@@ -156,9 +156,9 @@ class StandingPath:
             raise InvalidQueryError("a standing path must be walkable on the map it was planned on")
         if excess is None:
             self._changed = 0
-            self._excess = 0.0
-        self._excess = max(self._excess, excess or 0.0)
-        self._searched = plan.cost - (excess or 0.0)
+            self._excess = excess = 0.0
+        self._excess = max(self._excess, excess)
+        self._searched = plan.cost - excess
         self.plan = plan
         self._walked = walked
         self._scratch = np.empty(len(walked))
