@@ -298,8 +298,8 @@ def test_a_cost_that_is_not_known_tells_a_map_of_heights_nothing():
     nav = Navigator(Ground.of_elevation(flat(9, 9), 1.0))
     for cost in (1.0, np.nan):
         nav.offer(MapPatch(4, 4, cost=flat(1, 1, cost)))
-        nav.tick()
-        assert not nav.planner.is_passable((4, 4))
+    nav.tick()
+    assert not nav.planner.is_passable((4, 4))
 
 
 def test_a_kept_path_tells_what_is_known_of_it_by_now():
