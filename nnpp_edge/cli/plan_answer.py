@@ -25,7 +25,6 @@ _PROPERTIES = ("status", "method", "source", "cost")
 _CLOSE = 0.1
 """Share of a body's limit below which what is left of it is warned of."""
 _ANGLES = (("pitched", "pitch"), ("rolled", "roll"), ("tilted", "tilt"))
-_WINDOWS = "{gigabytes:.2f} GB in a temporary file, peak memory {peak_memory_gb:.2f} GB"
 _OF_LEGS = (*_PROPERTIES, "length_m", "time_s", "energy_j", "climb_m", "descent_m")
 _COMPARED = columns(
     "method | source | status | cost: cost .6g | gap: gap z.2% | ms: time_ms .2f | speed-up: "
@@ -52,8 +51,6 @@ class Answer:
     """Figures of the plan's method and others, beside the optimum."""
     loading_included: bool = True
     """Whether the plan's times hold those of loading compiled code and the network."""
-    windows: dict[str, float] | None = None
-    """Where heights lie in a file: GB of them, and peak memory; else None."""
     vehicle: Vehicle | None = None
     step_cost: str = "paper"
     tour: Tour | None = None
@@ -138,7 +135,6 @@ class Answer:
                 {"goal": goal} | {name: told[name] for name in ("status", "cost")}
                 for goal, told in goals
             ],
-            "windows": self.windows,
             "files": files,
         }
         figures |= {name: value for name, value in more.items() if value}
@@ -210,8 +206,6 @@ class Answer:
         stages = [f"{name} {ms:.2f}" for name, ms in plan.timings_ms.items() if name != "total"]
         loading = ", loading included" if self.loading_included else ""
         yield "time", f"{plan.timings_ms['total']:.2f} ms{loading} ({', '.join(stages)})"
-        if self.windows:
-            yield "read", _WINDOWS.format(**self.windows)
         yield "written", ", ".join(files)
 
     def on_the_ground(self) -> dict[str, str]:

@@ -33,7 +33,7 @@ from nnpp_edge.runtime.compiled.notice import told_if_slow
 from nnpp_edge.runtime.errors import InvalidQueryError, TerrainError
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.along import Along
-from nnpp_edge.runtime.memory import filed_zeros, peak_bytes
+from nnpp_edge.runtime.memory import filed_zeros
 from nnpp_edge.runtime.network import loading
 from nnpp_edge.runtime.options import PlanOptions, StepOptions
 from nnpp_edge.runtime.planners.query import problem_with
@@ -291,10 +291,6 @@ def plan_by_windows(
     grid = planner.state.grid
     costs = grid.inner(grid.weights)[tuple(plan.path.T)] / np.float32(grid.model.scale or 1.0)
     route = Route(plan.path, plan.along, costs, dem)
-    windows = {
-        "gigabytes": 1e-9 * heights.nbytes,
-        "peak_memory_gb": 1e-9 * peak_bytes(),
-    }
 
     def picture() -> Picture:
         levels = planner.state.pyramid.levels
@@ -321,7 +317,6 @@ def plan_by_windows(
         lambda stops, kind: b"",
         names,
         goals=ranked if len(goals) > 1 else (),
-        windows=windows,
         tour=tour,
         hard_slope_deg=limits.hard_slope_deg,
     )

@@ -171,6 +171,8 @@ class Ladder:
         return self._path(tick, freed, Origin.STANDING, reason) if freed.ok else None
 
     def _joined(self, tick: Tick) -> PathMessage | None:
+        if tick.failures[-1].kind != "timeout":
+            return None
         plan = self._planner.joined()
         if plan is None:
             return None

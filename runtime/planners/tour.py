@@ -15,6 +15,7 @@ from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.along import joined
 from nnpp_edge.runtime.map.grid import Grid
+from nnpp_edge.runtime.options import STATES
 from nnpp_edge.runtime.planners.plan import Method, Plan, Source
 from nnpp_edge.runtime.planners.query import in_words
 from nnpp_edge.runtime.stopwatch import Stopwatch
@@ -114,7 +115,7 @@ def tour(
 
     made = by(order)
     # legs alone cost less than all as one, where the robot must turn between them
-    if grid.robot.readiness and not math.isnan(given_cost):
+    if grid.robot.moves.over == STATES and not math.isnan(given_cost):
         as_given = made if order == given else by(given)
         cheaper = min(as_given, made, key=lambda each: each.plan.cost)
         made = replace(cheaper, given_cost=as_given.plan.cost)
@@ -288,7 +289,7 @@ def _as_one(legs: Sequence[Plan], stops: Sequence[Cell], grid: Grid) -> Plan:
         vehicle=first.vehicle,
         along=first.along if arcs else None,  # of which `Plan.over` needs the cells' sides
         waypoints=joined(lines).astype(np.float64) if len(lines) == len(legs) else None,
-        cost=costs[0],
+        cost=costs[0] if grid.robot.moves.over == STATES else sum(leg.cost for leg in legs),
         traverse_cost=costs[2],
         **{name: sum(getattr(leg, name) for leg in legs) for name in _SUMMED},
     )

@@ -317,7 +317,7 @@ def test_start_up_is_measured_where_a_budget_asks_for_it(run, told, profile, mon
     profile()
     assert run("profile --profile tiny.toml --start-up").code == 0
     assert asked[1:] == [
-        *((name, False) for name in ("astar", "corridor", "nnpp", "auto")),
+        *((name, False) for name in ("auto", "astar", "corridor", "nnpp")),
         ("auto", True),
     ]
     profile(changes={"]\n[device]": f"{budget.replace('start_up', 'first_tick')}\n]\n[device]"})

@@ -92,7 +92,7 @@ $SMALL --refine any-angle                      | --refine needs the whole map
 $SMALL --start 400,5                           | start (400, 5) lies outside the map of 80 × 90 cells
 $SMALL --start 9,86                            | start (9, 86) is impassable: its elevation is unknown; the nearest
 $SMALL --memory much                           | a size such as 2GB
-plan nothing.tif --memory 1kB --workload limit20 --start 1,1 --goal 2,2 | all impassable
+plan nothing.tif --memory 1kB --workload limit20 --start 1,1 --goal 2,2 | so is all around it
 plan bare.tif --memory 1kB --start 1,1 --goal 2,2 | no cell size in the file
 plan grid.asc --memory 1kB --start 1,1 --goal 2,2 | stored as text | gdal_translate
 run --map cost.npz --ticks 1 --vehicle small-rover | holds costs: --vehicle needs elevations
