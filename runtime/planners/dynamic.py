@@ -501,7 +501,9 @@ class DynamicPlanner(OnMap):
         path = self._joiner.joined(way[index:], query, beside=beside, to_goal=to_goal)
         if path is None or grid.walk(path, 0, np.empty(len(path))) >= 0:
             return None
-        bound = grid.least_cost(query.start, query.goal)
+        ends = query.start, query.goal
+        # `Found.of` adds what the height between the ends is worth
+        bound = grid.least_cost(*ends) - float(grid.robot.price.worth(*ends))
         found = Found.of(grid, Search(Status.OK, path, 0, bound), Source.STANDING, None, work)
         return found.plan(DynamicMethod(by), work, self._state, choice=_JOINED)
 
