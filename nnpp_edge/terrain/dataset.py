@@ -381,8 +381,10 @@ def _shards_here(
         try:
             # processes begin with Ctrl-C held back, as it would end their imports in a traceback
             held_back = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-            jobs = [pool.submit(_make_here, i) for i in indices]
-            signal.pthread_sigmask(signal.SIG_SETMASK, held_back)
+            try:
+                jobs = [pool.submit(_make_here, i) for i in indices]
+            finally:
+                signal.pthread_sigmask(signal.SIG_SETMASK, held_back)
             for job in as_completed(jobs):
                 yield job.result()
         except (BrokenProcessPool, MemoryError) as error:

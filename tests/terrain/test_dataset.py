@@ -331,3 +331,4 @@ def test_a_process_that_dies_is_one_line(tmp_path, monkeypatch):
     monkeypatch.setattr("nnpp_edge.terrain.dataset.ProcessPoolExecutor.submit", broken)
     with pytest.raises(DataSetError, match="fewer --workers take less memory"):
         make_dataset(recipe, tmp_path / "set", workers=1)
+    assert not signal.pthread_sigmask(signal.SIG_BLOCK, ())
