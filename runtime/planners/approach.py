@@ -1,5 +1,7 @@
 """Where to go while no path leads to the goal: it may be unknown yet, or shut off."""
 
+import math
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import cv2
@@ -7,6 +9,8 @@ import numpy as np
 
 from nnpp_edge.runtime.arrays import Float2D, Mask
 from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.errors import Status
+from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.runtime.search.astar import Query
 from nnpp_edge.runtime.search.workspace import Workspace
 
@@ -17,10 +21,15 @@ _BETTER = 5.0
 """Cells by which another place must be better than the present one: not each patch brings
 another.
 """
+_PLACES = 20
+"""At most so many are tried, one after the other."""
 
 
-def near_to_goal(methods: "Methods", query: Query, present: Cell | None) -> Cell:
-    """Where to go while a query has no path; the goal, where it seems to have one.
+def plan_towards(
+    methods: "Methods", query: Query, present: Cell | None, plan_to: Callable[[Query], Plan]
+) -> Plan:
+    """The plan of a query that has no path, to where it is to go instead; NO_PATH without such a
+    place.
 
     `present` as for `place_towards`. OutOfTimeError at the query's deadline.
     """
@@ -33,8 +42,19 @@ def near_to_goal(methods: "Methods", query: Query, present: Cell | None) -> Cell
         beyond = np.isfinite(moves.costs_of_cells(grid, query.goal, memory, query.deadline))
     beyond[query.goal] = True
     costs = moves.costs_of_cells(grid, query.start, memory, query.deadline)
+    costs[query.goal] = math.inf
     margin = state.reach_cells + 2
-    return place_towards(query.goal, query.start, costs, beyond, state.unknown(), margin, present)
+    for _ in range(_PLACES):
+        place = place_towards(
+            query.goal, query.start, costs, beyond, state.unknown(), margin, present
+        )
+        plan = plan_to(query._replace(goal=place, wanted=None))
+        if plan.status is not Status.NO_PATH:
+            break
+        # by arcs there are fewer ways than the costs of cells promise: this search knows which not
+        came, from_start = moves.came_to(grid, query.start, methods.exhausted, query.deadline)
+        costs[came != from_start] = math.inf
+    return plan
 
 
 def place_towards(

@@ -42,12 +42,15 @@ class Finder(NamedTuple):
         plan = self._to_goal(query, work, options)
         if not options.approach or plan.status not in (Status.NO_PATH, Status.GOAL_BLOCKED):
             return plan
-        from nnpp_edge.runtime.planners.approach import near_to_goal
+        from nnpp_edge.runtime.planners.approach import plan_towards
 
         standing = self.path.plan
         present = None if standing is None else tuple(standing.path[-1].tolist())
-        place = near_to_goal(self.methods, query, present)
-        instead = self._to_goal(query._replace(goal=place, wanted=None), work, options)
+
+        def plan_to(query: Query) -> Plan:
+            return self._to_goal(query, work, options)
+
+        instead = plan_towards(self.methods, query, present, plan_to)
         return replace(instead, choice=_NEARER) if instead.ok else plan
 
     def _to_goal(self, query: Query, work: Work, options: Options) -> Plan:

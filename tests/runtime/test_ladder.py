@@ -18,6 +18,7 @@ from nnpp_edge.runtime import (
     Vehicle,
 )
 from nnpp_edge.runtime.planners.approach import place_towards
+from tests.pose_oracles import rocks
 from tests.strategies import flat
 
 STEP = 1.0 + 2 * 2.805 * 0.2
@@ -189,6 +190,16 @@ def drive(ground, truth, start, goal, *, sight, ticks):
         if driven[-1] == goal:
             break
     return driven, message
+
+
+def test_where_arcs_do_not_lead_to_a_place_another_is_approached():
+    """Over their cells alone there would be a way."""
+    dem = rocks(5, 120, 120, 0.012)
+    dem[60:62] += 5.0
+    car = Vehicle(4.3, 1.8, 0.3, turning_radius_m=5.0, reverse_cost=1.5)
+    planner = DynamicPlanner.of_elevation(dem, 0.25, (112, 112), vehicle=car, warn=False)
+    planner.move((10, 10))
+    assert planner.replan(approach=True).ok
 
 
 def test_the_way_over_the_edge_of_the_unknown_is_the_shortest():
