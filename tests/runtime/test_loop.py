@@ -411,6 +411,22 @@ def test_a_map_that_changes_while_planning_holds_the_path_back(monkeypatch):
     assert nav.tick().waypoints is not None
 
 
+@pytest.mark.parametrize("shut", [True, False])
+def test_a_path_that_cannot_be_begun_where_the_robot_is_is_held_back(monkeypatch, shut):
+    nav = navigator()
+    replan = nav.planner.replan
+
+    def and_then_the_first_cell_goes(**options):
+        plan = replan(**options)
+        if not shut:
+            return plan.rest(1)
+        nav.offer(one_cell(plan.path[0], np.inf))
+        return plan
+
+    monkeypatch.setattr(nav.planner, "replan", and_then_the_first_cell_goes)
+    assert not nav.tick().ok
+
+
 def test_a_map_update_that_raises_is_tried_again_and_no_path_is_published_without_it(monkeypatch):
     nav = navigator()
     first = nav.tick()
