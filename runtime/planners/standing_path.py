@@ -156,8 +156,8 @@ class StandingPath:
             raise InvalidQueryError("a standing path must be walkable on the map it was planned on")
         if excess is None:
             self._changed = 0
-            self._excess = excess = 0.0
-        self._excess = max(self._excess, excess)
+            excess = 0.0
+        self._excess = excess
         self._searched = plan.cost - excess
         self.plan = plan
         self._walked = walked

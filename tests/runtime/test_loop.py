@@ -270,6 +270,7 @@ def test_a_goal_that_nothing_is_known_of_is_approached_until_it_is_seen():
     message = nav.tick()
     assert (message.origin, message.goal, message.goal_moved) == (Origin.STANDING, place, True)
     nav.offer(MapPatch(0, 50, cost=flat(3, 3, np.inf)))  # elsewhere: no other place for that
+    nav.offer(MapPatch(place[0] + 2, 6, cost=free((1, 22)) * 0.9))  # nor for little
     assert nav.tick().goal == place
     nav.offer(MapPatch(0, 30, cost=free((40, 10))))
     assert nav.tick().goal[1] in (38, 39)
@@ -476,12 +477,15 @@ def test_it_runs_at_its_rate_and_sends_answers_and_status():
     tick = nav.tick
     deadlines = []
     nav.tick = lambda deadline: deadlines.append(deadline) or tick(deadline)
+    spare_s = []
+    nav.go_on = spare_s.append
     loop = Loop(nav, source, [sink], rate_hz=200.0, status_every_s=0.05, queue=100)
     began = time.monotonic()
     counters = loop.run(41)
     elapsed_s = time.monotonic() - began
     assert deadlines[-1] - deadlines[0] == pytest.approx((40 + counters.skipped) / 200.0)
     assert elapsed_s >= (40 - counters.skipped) / 200.0 - 1e-3
+    assert 0.0 < max(spare_s) < 1.0 / 200.0, "time is left for a search"
     paths = [m for m in sink.messages if isinstance(m, PathMessage)]
     assert [m.tick for m in paths] == list(range(1, 42))
     assert paths[0].start == (7, 3)

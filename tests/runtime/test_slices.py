@@ -459,10 +459,12 @@ def test_the_path_to_where_the_goal_was_is_led_on_to_where_it_is(robot, monkeypa
     assert planner.searching and sliced(planner)[0].ok
 
 
-def test_a_robot_beside_its_path_is_led_back_to_it(robot, monkeypatch):
+def test_a_robot_beside_its_path_is_led_back_to_it_and_around_blocks(robot, monkeypatch):
     monkeypatch.setattr("nnpp_edge.runtime.planners.dynamic.JOIN_MS", 1e6)
     planner = moving(robot, np.zeros(SHAPE))
-    planner.replan()
+    first = planner.replan()
+    for number in (40, 70):
+        planner.update_elevation(*first.path[number].tolist(), np.full((1, 1), 5.0))
     planner.move((12, 16), 100.0)
     plan = planner.joined()
     assert plan.ok and tuple(plan.path[0]) == (12, 16) and tuple(plan.path[-1]) == GOAL
