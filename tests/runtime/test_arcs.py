@@ -578,6 +578,8 @@ def test_a_body_exactly_in_a_state_of_its_path_sets_out_from_there():
     for (row, col), heading in zip(plan.path.tolist(), plan.headings_deg, strict=True):
         assert moving.passed(row, col, heading) is None
     assert moving.passed(row, col + 0.1, heading) is not None
+    row, col = plan.path[1].tolist()
+    assert moving.passed(row, col + 0.1, plan.headings_deg[1]) is None, "it came by before"
 
 
 def test_where_the_arc_is_blocked_that_a_body_drives_its_path_begins_in_its_cell():
