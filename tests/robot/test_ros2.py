@@ -549,6 +549,9 @@ def test_the_newest_pose_is_read_between_patches_and_none_while_one_is_too_old(s
     node.listener.robot = Place(0.5, 0.5, 0.0)
     node.listener.overdue.return_value = "the newest map is 3 s old"
     assert [*found, *map(type, inputs)] == [MapPatch, Pose, MapPatch, MapPatch]
+    for why, kinds in (("", [Pose]), ("the newest map is 3 s old", []), ("", [Pose])):
+        node.listener.overdue.return_value = why
+        assert [*map(type, session.poll())] == kinds
 
 
 @pytest.mark.parametrize("words", [["foo"], ["-p", "rate_hz=10"], ["--params-file", "none.yaml"]])
