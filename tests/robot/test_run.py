@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from nnpp_edge.profiling.profile_file import OnboardLoop, changed, read_profile
+from nnpp_edge.profiling.profile_file import read_profile
 from nnpp_edge.robot import transports
 from nnpp_edge.robot.operations import onboard
 from nnpp_edge.robot.transports.recording import RecordingFile, read_recording
@@ -23,7 +23,9 @@ from nnpp_edge.robot.transports.wiring import Wiring
 from nnpp_edge.runtime import Goal, Ground, InProcessSink, MapPatch, PathMessage, Pose
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.messages import Counters
+from nnpp_edge.runtime.loop.settings import OnboardLoop
 from nnpp_edge.runtime.network import loading
+from nnpp_edge.runtime.reading import changed
 from nnpp_edge.terrain import dem as dem_module
 from tests.robot.conftest import free, wait_until
 from tests.tables import cases
