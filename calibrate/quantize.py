@@ -1,111 +1,34 @@
-"""An int8 model made from an fp32 model, and measured against it: speed, agreement, and the outcome
-of searches.
-"""
+"""An int8 model made from an fp32 model; `profiling.int8` measures it."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import astuple, dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from types import SimpleNamespace
+from typing import TYPE_CHECKING
 
-import msgspec
 import numpy as np
 import onnx
 import onnxruntime as ort
-from numpy.typing import NDArray
 from onnxruntime import quantization
 from onnxruntime.quantization import QuantType
 
 from nnpp_edge import __version__
 from nnpp_edge.export.to_onnx import nodes_leading_to, quiet
-from nnpp_edge.files import write_all
-from nnpp_edge.model.registry import Spec
-from nnpp_edge.profiling.inference import PAYS_FROM, fp32_and_int8_ms, int8_in_words
-from nnpp_edge.runtime.arrays import Array
-from nnpp_edge.runtime.errors import InvalidQueryError, ModelError, OutputError
+from nnpp_edge.runtime.arrays import Array, Float32s
+from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.model_file import METADATA_KEY
-from nnpp_edge.terrain.dataset import Samples, read_known, read_recipe, read_samples
 from nnpp_edge.terrain.known import KnownMaps
-from nnpp_edge.training.unseen import Fit, KnownValidator
-from nnpp_edge.training.validation import Judgement, Validator
 
-Floats = NDArray[np.float32]
-Queries = Samples | KnownMaps
-"""Labelled queries, or maps known by their blocks for a network that prices unseen ground."""
-Judge = Callable[[Floats], Judgement | Fit]
+if TYPE_CHECKING:
+    from nnpp_edge.terrain.dataset import Queries
+
 OPERATORS = ("Conv", "Relu", "Add", "Resize", "Concat", "AveragePool", "MaxPool")
 """Kinds of nodes that have an int8 kernel on CPUs, so that their QDQ pairs disappear."""
-HELD_OUT = 256
-"""Queries to judge on, at most."""
-MOST_GAP = 0.3
-"""The most that int8 may add to the mean gap, in percentage points, where no other is asked for."""
-MOST_FAILED = 1
-"""The most that it may take from the share of queries with a path inside the region, in %."""
-MOST_DIFFERENCE = 0.005
-"""Mean difference of the probabilities above which it is another network: about one of the region's
-256 levels.
-"""
-MOST_ERROR = 2
-"""The most by which the errors of prices may grow, in %."""
 LAYERS_COMPARED_ON = 4
 """Queries on which the layers of both models are compared."""
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """Two models on the same held-out queries."""
-
-    queries: int
-    mean_difference: float
-    """Of the probabilities."""
-    max_difference: float
-    fp32: Judgement | Fit
-    """Outcome of searches in its regions, at the model's factor on the threshold; or errors of
-    prices.
-    """
-    int8: Judgement | Fit
-    fp32_ms: float
-    """Median of one inference right after a plan."""
-    int8_ms: float
-
-    @property
-    def speed_up(self) -> float:
-        """How many times as fast int8 is."""
-        return self.fp32_ms / self.int8_ms
-
-    @property
-    def added_gap(self) -> float:
-        """Percentage points that int8 adds to the mean gap; 0 for prices."""
-        return 100.0 * (getattr(self.int8, "gap", 0.0) - getattr(self.fp32, "gap", 0.0))
-
-    def recommendation(self, most_gap: float = MOST_GAP) -> str:
-        """What to deploy, ``recommended: int8`` or ``recommended: fp32``, and why."""
-        against = []
-        fp32 = self.fp32
-        int8 = self.int8
-        if isinstance(fp32, Fit) or isinstance(int8, Fit):
-            errors = zip(astuple(fp32), astuple(int8), strict=True)
-            growth = 100.0 * max(after / before - 1.0 for before, after in errors)
-            change = f"its errors grow by {growth:.1f} %"
-            if growth > MOST_ERROR:
-                against.append(f"{MOST_ERROR} % is allowed")
-        else:
-            change = f"the mean gap goes from {100 * fp32.gap:.3f} to {100 * int8.gap:.3f} %"
-            fewer = 100.0 * (fp32.success - int8.success)
-            if not self.added_gap <= most_gap:  # NaN where neither found a path
-                against.append(f"at most {most_gap:g} points more are allowed")
-            if fewer > MOST_FAILED:
-                lost = f"{fewer:.1f} % fewer of the queries have a path inside the region"
-                against.append(f"{lost}, and {MOST_FAILED} % is allowed")
-            if self.mean_difference > MOST_DIFFERENCE:
-                differ = f"its probabilities differ by {self.mean_difference:.4f}"
-                against.append(f"{differ}: leave nodes float (--exclude)")
-        take = "fp32" if against or self.speed_up < PAYS_FROM else "int8"
-        reasons = [int8_in_words(self.speed_up), change, *against]
-        return f"recommended: {take}. {'; '.join(reasons)}"
 
 
 @dataclass(frozen=True)
@@ -120,131 +43,8 @@ class Layer:
     """
 
 
-@dataclass(frozen=True)
-class QuantizeReport:
-    """The model made, and how it compares with the model that it was made from."""
-
-    source: str
-    output: str
-    samples: int
-    """Queries that it was calibrated on."""
-    layers: tuple[Layer, ...]
-    """All convolutions but those in a branch, as of `edge`'s head; the largest error first."""
-    fp32_bytes: int
-    int8_bytes: int
-    compared: Comparison
-    recommendation: str
-
-    def to_json(self) -> str:
-        """One line of JSON; null for what has no number."""
-        return msgspec.json.encode(self).decode()
-
-
-def quantize(
-    model: Path,
-    dataset: Path,
-    output: Path,
-    *,
-    validation: Path,
-    samples: int = 200,
-    exclude: Sequence[str] = (),
-    most_gap: float | None = None,
-    seed: int = 1,
-    card: Callable[[QuantizeReport], str] | None = None,
-) -> QuantizeReport:
-    """Make an int8 model (static, QDQ) of an fp32 file or a shipped model, and measure it against
-    its source.
-
-    The `output` is written last, whatever the recommendation; beside it, in a file of its name with
-    ``.md``, what `card` makes of the report: both or none. It is calibrated on so many `samples` of
-    `dataset`, queries drawn at random, and judged on `validation`, whose maps the network was not
-    trained on. `most_gap` is the most that int8 may add to the mean gap, in percentage points, for
-    networks that answer queries.
-
-    The nodes in `exclude` stay float, and the head (the last convolution and what does not lead to
-    it): it costs next to nothing, and its error would be that of the probabilities. The rest are
-    measured choices (docs/decisions/papers-network.md).
-    """
-    if not output.parent.is_dir():
-        raise OutputError(f"{output}: its folder does not exist")
-    fp32 = NetworkModel(model)
-    precision = fp32.metadata.precision
-    if precision != "fp32":
-        raise ModelError(f"{fp32.path}: wanted an fp32 model, got one of {precision}")
-    if output.resolve() == fp32.path.resolve():
-        raise InvalidQueryError(f"{output}: wanted another file than the fp32 model")
-    if most_gap is not None and fp32.metadata.encoding == "unseen":
-        raise InvalidQueryError("--most-gap is for networks that answer queries")
-    calibration, held_out, judge = _data(fp32, dataset, validation, samples, seed)
-    facts = {
-        "samples": len(calibration),
-        "seed": seed,
-        "dataset_seed": read_recipe(dataset).seed,
-        "method": "minmax",
-        "reduce_range": True,
-        "excluded": list(exclude),
-        "versions": {
-            "nnpp_edge": __version__,
-            "onnxruntime": ort.__version__,
-            "onnx": onnx.__version__,
-        },
-    }
-    with TemporaryDirectory() as folder:
-        made, layers = quantised_graph(fp32, calibration, Path(folder), exclude)
-        path = Path(folder) / "int8.onnx"
-        path.write_bytes(_with_facts(made, fp32, facts))
-        compared = compare(fp32, NetworkModel(path), held_out, judge)
-    facts["agreement"] = {
-        "queries": compared.queries,
-        "mean_difference": compared.mean_difference,
-        "max_difference": compared.max_difference,
-    }
-    content = _with_facts(made, fp32, facts)
-    allowed = MOST_GAP if most_gap is None else most_gap
-    report = QuantizeReport(
-        source=str(fp32.path),
-        output=str(output),
-        samples=len(calibration),
-        layers=layers,
-        fp32_bytes=fp32.path.stat().st_size,
-        int8_bytes=len(content),
-        compared=compared,
-        recommendation=compared.recommendation(allowed),
-    )
-    contents = {output: content}
-    if card is not None:
-        contents[output.with_suffix(".md")] = f"{card(report)}\n".encode()
-    write_all(contents)
-    return report
-
-
-def _data(
-    fp32: NetworkModel,
-    dataset: Path,
-    validation: Path,
-    samples: int,
-    seed: int,
-) -> tuple[Queries, Queries, Judge]:
-    """Queries to calibrate on, queries to judge on, and their judge."""
-    m = fp32.metadata
-    if m.encoding == "unseen":
-        calibration = KnownValidator(read_known(dataset), samples)
-        known = KnownValidator(read_known(validation), HELD_OUT)
-        return calibration.shown, known.shown, known.judge_answers
-    pool = read_samples(dataset, most_maps=2 * samples, size=m.input_size)
-    order = np.random.default_rng([seed, 1]).permutation(len(pool))
-    spec = Spec(m.architecture, m.input_size, m.sigma)
-    # searched on the maps as they are held, as in training
-    validator = Validator(read_samples(validation), spec, m.omega, HELD_OUT)
-
-    def judge(answers: Floats) -> Judgement:
-        return validator.judge_answers(answers, (m.region_factor,))[0]
-
-    return pool.pick(order[:samples]), validator.shown, judge
-
-
 def quantised_graph(
-    fp32: NetworkModel, queries: Queries, folder: Path, exclude: Sequence[str] = ()
+    fp32: NetworkModel, queries: "Queries", folder: Path, exclude: Sequence[str] = ()
 ) -> tuple[onnx.ModelProto, tuple[Layer, ...]]:
     """A model's int8 variant, calibrated on all of the queries, and its convolutions, the largest
     error first.
@@ -299,7 +99,7 @@ def quantised_graph(
 
 def _behind(
     names: Sequence[str], model: onnx.ModelProto, inputs: Sequence[dict[str, Array]]
-) -> list[Floats]:
+) -> list[Float32s]:
     """The outputs of a graph's nodes for all inputs, by the nodes' names."""
     of_node = {node.name: node.output[0] for node in model.graph.node}
     shown = onnx.ModelProto()
@@ -311,44 +111,35 @@ def _behind(
     return [np.array(each) for each in zip(*found, strict=True)]
 
 
-def inputs_of(model: NetworkModel, queries: Queries) -> Iterator[dict[str, Array]]:
+def inputs_of(model: NetworkModel, queries: "Queries") -> Iterator[dict[str, Array]]:
     """Inputs of a network for each query, by name, as `model` lays them out."""
     for number in range(len(queries)):
         answer(model, queries, number)  # lays out the inputs
         yield {name: array.copy() for name, array in model.inputs.items()}
 
 
-def _with_facts(model: onnx.ModelProto, fp32: NetworkModel, facts: Mapping[str, object]) -> bytes:
+def int8_file(model: onnx.ModelProto, fp32: NetworkModel, facts: Mapping[str, object]) -> bytes:
     """The file: our metadata with facts on the calibration, no operator sets but those in use, and
     checked.
     """
-    training = {**fp32.metadata.training, "calibration": dict(facts)}
+    versions = {
+        "nnpp_edge": __version__,
+        "onnxruntime": ort.__version__,
+        "onnx": onnx.__version__,
+    }
+    how = {"method": "minmax", "reduce_range": True, "versions": versions}
+    training = {**fp32.metadata.training, "calibration": {**facts, **how}}
     metadata = replace(fp32.metadata, precision="int8", training=training)
     onnx.helper.set_model_props(model, {METADATA_KEY: metadata.to_json()})
     used = {node.domain or "ai.onnx" for node in model.graph.node}
-    versions = [each for each in model.opset_import if (each.domain or "ai.onnx") in used]
+    kept = [each for each in model.opset_import if (each.domain or "ai.onnx") in used]
     del model.opset_import[:]
-    model.opset_import.extend(versions)
+    model.opset_import.extend(kept)
     onnx.checker.check_model(model, full_check=True)
     return bytes(model.SerializeToString())
 
 
-def compare(fp32: NetworkModel, int8: NetworkModel, queries: Queries, judge: Judge) -> Comparison:
-    """Compare two models on the queries, and time both."""
-    exact = answers(fp32, queries)
-    rounded = answers(int8, queries)
-    difference = np.abs(exact - rounded)
-    return Comparison(
-        len(queries),
-        float(difference.mean()),
-        float(difference.max()),
-        judge(exact),
-        judge(rounded),
-        *fp32_and_int8_ms(str(fp32.path), str(int8.path)),
-    )
-
-
-def answer(model: NetworkModel, queries: Queries, number: int) -> Floats:
+def answer(model: NetworkModel, queries: "Queries", number: int) -> Float32s:
     """A network's answer to a query, or to a map known by its blocks: (B, B) or (3, B, B). It and
     the inputs stay until the next call.
     """
@@ -361,6 +152,6 @@ def answer(model: NetworkModel, queries: Queries, number: int) -> Floats:
     return model.answer(start, goal)
 
 
-def answers(model: NetworkModel, queries: Queries) -> Floats:
+def answers(model: NetworkModel, queries: "Queries") -> Float32s:
     """The answers to all queries, (Q, B, B) or (Q, 3, B, B)."""
     return np.array([answer(model, queries, number).copy() for number in range(len(queries))])

@@ -14,6 +14,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
@@ -42,8 +43,10 @@ from nnpp_edge.runtime.network.model_file import (
 from nnpp_edge.runtime.reading import refused_as
 from nnpp_edge.runtime.terrain.step_cost import PAPER_OMEGA
 from nnpp_edge.runtime.terrain.traversability import Traversability
-from nnpp_edge.terrain.dataset import Query, Samples
-from nnpp_edge.terrain.shards import Recipe
+
+if TYPE_CHECKING:
+    from nnpp_edge.terrain.dataset import Query, Samples
+    from nnpp_edge.terrain.shards import Recipe
 
 OPSET = 18
 """The oldest that torch's exporter writes without conversion, so that older onnxruntimes read the
@@ -134,7 +137,7 @@ def export_network(
     return ExportReport(str(output), len(content), len(model.graph.node), macs)
 
 
-def parity(network: Network, onnx_path: Path, samples: Samples | None = None) -> Parity:
+def parity(network: Network, onnx_path: Path, samples: "Samples | None" = None) -> Parity:
     """Compare a network in torch with its ONNX file as the runtime runs it, over whole queries.
 
     They are some of the `samples`, or random maps and ends without samples. How `NetworkModel` lays
@@ -143,7 +146,7 @@ def parity(network: Network, onnx_path: Path, samples: Samples | None = None) ->
     spec = network.spec
     model = NetworkModel(onnx_path)
     rng = np.random.default_rng(1)
-    queries = list[Query]()
+    queries: list[Query] = []
     if samples is not None:
         side = samples.planes.shape[-1]
         if side != spec.input_size:
@@ -177,7 +180,7 @@ def parity(network: Network, onnx_path: Path, samples: Samples | None = None) ->
     )
 
 
-def _random_query(spec: Spec, rng: np.random.Generator) -> Query:
+def _random_query(spec: Spec, rng: np.random.Generator) -> "Query":
     planes = rng.random((2, spec.input_size, spec.input_size), np.float32)
     start, goal = rng.uniform(0, spec.input_size - 1, (2, 2)).tolist()
     return planes, start, goal
@@ -240,7 +243,7 @@ def example_inputs(spec: Spec) -> dict[str, Tensor]:
     }
 
 
-def dataset_facts(recipe: Recipe) -> dict[str, object]:
+def dataset_facts(recipe: "Recipe") -> dict[str, object]:
     """Facts that decided a data set, for a model's metadata; terrain by the files' names alone."""
     names = [Path(name).name for name in recipe.terrain]
     return {**msgspec.structs.asdict(recipe), "terrain": names}

@@ -144,6 +144,10 @@ STEP_COSTS = {
 """What a step costs on a map of heights; those by the slope are `robots.slope.cost.SLOPE_COSTS`."""
 
 
+PRIORS = ("network", "slope")
+"""By what unseen ground is priced, see `network.priors`; the first by default."""
+
+
 class Term(NamedTuple):
     """A term of Eq. 1, and the attributes of `Traversability` that limit and weigh it."""
 

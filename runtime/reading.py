@@ -1,18 +1,22 @@
 """Files that a user names, read with care: regular files alone, with a limit, every failure in a
-few words.
+few words. Tables of settings that are read from them.
 """
 
 import errno
 import json
 import os
+import re
 import stat
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, TypeVar, get_args
 
-from nnpp_edge.runtime.errors import NnppEdgeError
+import msgspec
+from msgspec.structs import asdict, fields
+
+from nnpp_edge.runtime.errors import InvalidQueryError, NnppEdgeError
 
 MOST_BYTES = 1 << 24
 """Of a file of settings or figures; the longest of ours take a hundredth of it."""
@@ -99,3 +103,67 @@ def parse(text: str, loads: Callable[[str], Any] = json.loads) -> Any:
         return loads(text)
     except RecursionError:
         raise ValueError("nested too deep") from None
+
+
+class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A table of settings. msgspec checks types when it is read, `__post_init__` the rest."""
+
+    hidden: ClassVar[str] = ""
+    """Name of a field that is no key."""
+
+    def refuse_unless(self, fits: bool, key: str, wanted: str) -> None:
+        """ValueError about a key's value."""
+        if not fits:
+            raise ValueError(f"{key}: wanted {wanted}, got {getattr(self, key)!r}")
+
+    def check_choice(self, key: str, choices: Collection[str | int]) -> None:
+        """Refuse a value that is none of these."""
+        wanted = f"one of {', '.join(map(str, choices))}"
+        self.refuse_unless(getattr(self, key) in choices, key, wanted)
+
+    def check_different(self, *keys: str) -> None:
+        """Refuse lists that hold a value twice."""
+        for key in keys:
+            values = getattr(self, key)
+            self.refuse_unless(len(set(values)) == len(values), key, "different values")
+
+
+T = TypeVar("T")
+TableT = TypeVar("TableT", bound=Table)
+
+
+def converted(content: Any, kind: type[T]) -> T:
+    """A table or another record of this content; InvalidQueryError names the key, what was wanted
+    and what came.
+    """
+    try:
+        return msgspec.convert(content, kind)
+    except msgspec.ValidationError as error:
+        problem, _, place = str(error).replace("`", "").partition(" - at $")
+        value = content
+        for key in re.findall(r"\w+", place):
+            value = value[int(key) if isinstance(value, list | tuple) else key]
+        between = ": "
+        if problem.startswith("Expected"):
+            problem = f"{problem.partition(', got')[0]}, got {value!r}"
+        elif problem.startswith("Object contains unknown"):
+            problem += f": wanted one of {', '.join(_keys(kind, place))}"
+        elif not problem.startswith("Object"):
+            between = "."  # ours begin with the key
+        raise InvalidQueryError(f"{place[1:]}{between}{problem}" if place else problem) from None
+
+
+def changed(table: TableT, **changes: object) -> TableT:
+    """A table as options on the command line ask for; None changes nothing. InvalidQueryError
+    if out of range.
+    """
+    given = {key: value for key, value in changes.items() if value is not None}
+    return converted(asdict(table) | given, type(table))
+
+
+def _keys(kind: type, place: str) -> list[str]:
+    """The keys of the table at that place, ``.device`` or ``.budgets[0]``, of a table."""
+    tables = {each.encode_name: each.type for each in fields(kind)}
+    inner = tables.get(place.strip(".[]0123456789"), kind)
+    table = next(iter(get_args(inner)), inner)  # of a list's tables, their kind
+    return [each.encode_name for each in fields(table) if each.name != table.hidden]

@@ -9,6 +9,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parent.parent
 SOURCES = sorted(
     path
@@ -24,9 +26,12 @@ MOST_SOURCE_NODES = 198_472
 MOST_TEST_NODES = 159_364
 """Syntax nodes (docs/decisions/code.md). Only ever to be lowered."""
 MOST_LOADED = 50
-"""Modules of the runtime that are loaded with `Planner`; only ever to be lowered."""
+"""Modules that are loaded with `Planner`, of the runtime, or to make a model; only ever to be
+lowered.
+"""
+JUDGING = re.compile(r"(runtime\.planners|profiling|training)(\.|$)")
 SELDOM_USED = re.compile(
-    r"(network|region|robots\.(body|slope)|map\.(coarse|disc|heights)|search\.dstar_lite"
+    r"runtime\.(network|region|robots\.(body|slope)|map\.(coarse|disc|heights)|search\.dstar_lite"
     r"|planners\.(arc_corridor|by_blocks|mending|refine|tour))(\.|$)"
 )
 """What only some planners use."""
@@ -159,14 +164,24 @@ def test_kernels_import_numbers_and_nothing_else():
     assert [name for name in sorted(imported) if not KERNEL_IMPORTS.match(name)] == []
 
 
+def loaded_with(statement):
+    """The modules of ours that are loaded with an import."""
+    command = [sys.executable, "-c", f"{statement}; import sys; print(*sys.modules)"]
+    found = subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()
+    return [name.removeprefix("nnpp_edge.") for name in found if "nnpp_edge." in name]
+
+
 def test_a_planner_loads_few_modules_and_no_room_that_only_some_use():
-    code = "import sys; from nnpp_edge.runtime import Planner; print(*sys.modules)"
-    command = [sys.executable, "-c", code]
-    names = subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()
-    top = "nnpp_edge.runtime."
-    loaded = [name.removeprefix(top) for name in names if name.startswith(top)]
-    assert len(loaded) <= MOST_LOADED
+    loaded = loaded_with("from nnpp_edge.runtime import Planner")
+    assert sum("runtime." in name for name in loaded) <= MOST_LOADED
     assert [name for name in loaded if SELDOM_USED.match(name)] == []
+
+
+def test_what_makes_models_loads_neither_planners_nor_training():
+    pytest.importorskip("torch")
+    loaded = loaded_with("import nnpp_edge.calibrate.quantize")
+    assert len(loaded) <= MOST_LOADED
+    assert [name for name in loaded if JUDGING.match(name)] == []
 
 
 def test_kernels_take_few_parameters():

@@ -23,12 +23,12 @@ from nnpp_edge.terrain.dataset import Samples
 from tests.conftest import TINY_MODEL
 from tests.tables import cases, keywords
 
-MADE = ("export.to_onnx", "calibrate.quantize", "training.train")
+MADE = ("export.to_onnx", "calibrate.quantize", "profiling.int8", "training.train")
 STAND_INS = (
     *("torch", "torch.nn", "torch.nn.functional", "torch.utils", "torch.utils.flop_counter"),
     "onnxscript",
 )
-ROOMS = ("calibrate", "export", "model", "training")
+ROOMS = ("calibrate", "export", "model", "profiling", "training")
 FIRST = "encoder.stem.0/Conv"
 HEAD = "encoder.describe/Conv"
 HEAVY = (*STAND_INS, *(f"nnpp_edge.{name}." for name in ROOMS))
@@ -47,7 +47,7 @@ def made():
     torch = MagicMock(__version__="0")
     torch.nn.Module = object
     sys.modules.update(dict.fromkeys(STAND_INS, torch))
-    yield SimpleNamespace(**{name: import_module(f"nnpp_edge.{name}") for name in MADE})
+    yield {name: import_module(f"nnpp_edge.{name}") for name in MADE}
     taken()
     sys.modules.update(real)
     for room, own in zip(rooms, names, strict=True):  # `from nnpp_edge.model import edge` reads it
@@ -56,7 +56,7 @@ def made():
 
 
 def test_a_model_says_how_the_maps_were_made_that_it_was_trained_on(made, tmp_path):
-    export = vars(made)["export.to_onnx"]
+    export = made["export.to_onnx"]
     export.to_onnx = lambda _: onnx.parser.parse_model(TINY_MODEL)
     export.NetworkModel = export.count_macs = MagicMock()
     told = {"name": "own", "region_factor": 0.4, "omega": 0.037, "training": {"steps": 3}}
@@ -83,14 +83,15 @@ def quantised(made, tmp_path, monkeypatch):
     """Quantises edge-fp32 on eight random queries, which are not searched, and returns the report;
     with the `queries`, those `shown` to a network, and the answers `judged`.
     """
-    of = vars(made)["calibrate.quantize"]
+    of = made["profiling.int8"]
+    making = made["calibrate.quantize"]
     rng = np.random.default_rng(0)
     planes = rng.integers(256, size=(8, 2, 64, 64), dtype=np.uint8)
     ends = rng.uniform(0.0, 63.0, (2, 8, 2)).astype(np.float32)
     queries = Samples(planes, np.arange(8, dtype=np.int32), *ends, planes, planes)
     shown = []
     judged = []
-    answer = of.answer
+    answer = making.answer
 
     def judge(answers):
         judged.append(answers)
@@ -108,9 +109,9 @@ def quantised(made, tmp_path, monkeypatch):
         "_data": lambda *_: (queries, queries.pick(range(3)), judge),
         "read_recipe": lambda _: SimpleNamespace(seed=7),
         "fp32_and_int8_ms": lambda *models: (3.0, 1.0),
-        "answer": shows,
     }.items():
         monkeypatch.setattr(of, name, stand_in)
+    monkeypatch.setattr(making, "answer", shows)
     vars(quantise).update(queries=queries, shown=shown, judged=judged)
     return quantise
 
@@ -184,8 +185,8 @@ def train(made, tmp_path, monkeypatch):
     at the others they get better and better. Which validations each file was saved after, and the
     progress at the end.
     """
-    of = vars(made)["training.train"]
-    judgement = vars(made)["calibrate.quantize"].Judgement
+    of = made["training.train"]
+    judgement = made["profiling.int8"].Judgement
     batches = MagicMock(**{"__len__.return_value": 99, "epoch.return_value": range(99)})
     monkeypatch.setattr(of, "Network", MagicMock())
     monkeypatch.setattr(of, "Batches", lambda *_, **__: batches)
@@ -251,7 +252,7 @@ error=0.11              | fp32 | ; its errors grow by 10.0 %; 2 % is allowed
 
 @pytest.mark.parametrize(("given", "take", "said"), cases(ADVICE, 3))
 def test_the_recommendation_weighs_speed_cost_and_agreement(made, given, take, said):
-    of = vars(made)["calibrate.quantize"]
+    of = made["profiling.int8"]
     usual = keywords("gap=0.002, success=1.0, int8_ms=1.0, difference=0.001, most_gap=0.3")
     asked = SimpleNamespace(**usual | keywords(given))
     judged = [of.Judgement(0.5, 1.0, 0.002, 0.1, 0.1, 0.1)]

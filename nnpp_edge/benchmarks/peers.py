@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge import __version__
+from nnpp_edge.outcome import gap
 from nnpp_edge.profiling.contest import (
     Figures,
     Harness,
@@ -28,7 +29,6 @@ from nnpp_edge.profiling.contest import (
     quantile,
     summarised,
 )
-from nnpp_edge.profiling.outcome import gap
 from nnpp_edge.profiling.suites import QUERIES_PER_MAP, Case, TerrainFiles, source_of, terrain_cases
 from nnpp_edge.runtime import Planner
 from nnpp_edge.runtime.cells import Endpoints

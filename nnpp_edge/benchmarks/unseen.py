@@ -17,10 +17,11 @@ from nnpp_edge.runtime import Ground, NetworkModel, Planner, Vehicle
 from nnpp_edge.runtime.arrays import Float2D, in_blocks
 from nnpp_edge.runtime.cells import Endpoints, slices, widened
 from nnpp_edge.runtime.network.model_file import model_path
-from nnpp_edge.runtime.network.priors import PRIORS, prices_by
+from nnpp_edge.runtime.network.priors import prices_by
 from nnpp_edge.runtime.network.unseen import prices_of
-from nnpp_edge.runtime.options import PlanOptions
-from nnpp_edge.runtime.terrain.traversability import Traversability
+from nnpp_edge.runtime.options import PRIORS, PlanOptions
+from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost
+from nnpp_edge.runtime.tuning import BLOCKED_PRICE
 from nnpp_edge.terrain.dem import Dem, read_dem
 from nnpp_edge.terrain.known import KnownMaps, known_map
 from nnpp_edge.terrain.labels import random_query
@@ -83,6 +84,17 @@ class Site:
         means, block_m, factor, limits = self.known
         return prices_by(prior, means, limits, block_m, factor, model)
 
+    def by_eq1(self) -> Float2D:
+        """A control: NNPP's Eq. 1 of the coarse map, as if its blocks were cells."""
+        means, block_m, _, limits = self.known
+        cost = traversability_cost(means, block_m, limits, warn=False)
+        return np.where(cost < 1.0, cost, np.float32(BLOCKED_PRICE))
+
+    def by_mean(self) -> Float2D:
+        """A control: the mean of the slope's prices, for all blocks."""
+        prices = self.prices("slope")
+        return np.full_like(prices, prices.mean())
+
     def truth(self) -> Float2D:
         """The prices by what the blocks' cells turn out to be."""
         cell_m, _ = self.ground.sides_m
@@ -94,7 +106,7 @@ class Site:
     def driven(self, ends: Endpoints, prices: Float2D, sight: int) -> float:
         """Cost of a drive from start to goal by these prices; inf where a body gets stuck."""
         body = self.ground.vehicle
-        planner = Planner(Ground.of_coarse(*self.known, prior="mean", vehicle=body))
+        planner = Planner(Ground.of_coarse(*self.known, prior="slope", vehicle=body))
         assert planner.state.unseen is not None
         planner.state.unseen.layers[0] = prices
         far = sight + planner.state.reach_cells
@@ -171,6 +183,8 @@ def rivals(model: str) -> dict[str, Price]:
     return {
         "optimistic": lambda site: np.zeros_like(site.coarse),
         **{prior: partial(Site.prices, prior=prior, model=model) for prior in PRIORS},
+        "eq1": Site.by_eq1,
+        "mean": Site.by_mean,
         "network, answers turned": lambda site: np.rot90(site.prices("network", model)),
         "network, weights shuffled": lambda site: site.prices("network", mixed),
         "truth": Site.truth,

@@ -21,7 +21,7 @@ from nnpp_edge.cli.options import (
     SettingType,
     StepCost,
 )
-from nnpp_edge.runtime.options import TERMS
+from nnpp_edge.runtime.options import PRIORS, TERMS
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.map.ground import Ground
@@ -31,8 +31,6 @@ if TYPE_CHECKING:
     from nnpp_edge.terrain.dem import Dem, DemWindows
     from nnpp_edge.terrain.georeference import Place
 
-PRIORS = ("network", "slope", "eq1", "mean")
-"""`Ground.prior`, for the help."""
 _CELLS_A_BODY = 4.0
 _LEAST_CELLS_A_BODY = 0.5
 _RESAMPLED = 6.0
@@ -211,7 +209,7 @@ Known = Annotated[
     Blocks | None,
     Parsed("N[:PRIOR]", f"N from 2 to 64, or N:PRIOR with {', '.join(PRIORS)}", Blocks.parsed),
     "The map has means of N × N cells only; unseen ground costs what PRIOR estimates: a network "
-    "(the default), the coarse slope, NNPP's Eq. 1 (eq1), or one mean.",
+    "(the default), or the coarse slope.",
 ]
 
 

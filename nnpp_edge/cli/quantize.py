@@ -11,7 +11,7 @@ from nnpp_edge.cli import options
 from nnpp_edge.cli.text import aligned, columns, table
 
 if TYPE_CHECKING:
-    from nnpp_edge.calibrate.quantize import QuantizeReport
+    from nnpp_edge.profiling.int8 import QuantizeReport
 
 _SIZE_AND_TIME = "precision | MB: size_mb .2f | after a plan,/one thread, ms: after_plan_ms .3f"
 _REGION = (
@@ -54,7 +54,7 @@ def command(
     """
     options.check_outputs(("--output", output), ("the card", output.with_suffix(".md")))
 
-    from nnpp_edge.calibrate.quantize import quantize
+    from nnpp_edge.profiling.int8 import quantize
 
     told = partial(_told, calibrated_on=dataset, judged_on=validation)
     r = quantize(

@@ -30,7 +30,7 @@ _MISSES = (
     "takes several periods misses several."
 )
 _SETTING = options.SettingType(
-    "nnpp_edge.profiling.profile_file:OnboardLoop", "tolerance=0.05", bare=True
+    "nnpp_edge.runtime.loop.settings:OnboardLoop", "tolerance=0.05", bare=True
 )
 
 
@@ -66,11 +66,12 @@ def command(
     nnpp-edge run --map dem.tif --profile edge-2core --input zenoh --log drive.mcap
     nnpp-edge run --map dem.tif --input replay:drive.jsonl --fast --output none --json
     """
-    from nnpp_edge.profiling.profile_file import OnboardLoop, changed, read_profile
     from nnpp_edge.robot.operations.onboard import run
+    from nnpp_edge.runtime.loop.settings import OnboardLoop
     from nnpp_edge.runtime.network.loading import begin_loading
     from nnpp_edge.runtime.network.model_file import model_path
     from nnpp_edge.runtime.planners.plan import DynamicMethod
+    from nnpp_edge.runtime.reading import changed
 
     if as_json and any(entry.name == STDOUT for entry, _ in wiring.sinks):
         raise click.UsageError(
@@ -80,10 +81,14 @@ def command(
         raise click.UsageError(
             "--fail-on-misses needs deadlines, and a replay that is --fast has none"
         )
-    changes = {name: value for each in loop for name, value in each.values.items()}
-    given = {"rate_hz": rate, "method": method, "model": model}
-    changes |= {name: value for name, value in given.items() if value is not None} | steps
-    settings = changed(read_profile(profile).loop if profile else OnboardLoop(), **changes)
+    settings = OnboardLoop()
+    if profile:
+        from nnpp_edge.profiling.profile_file import read_profile
+
+        settings = read_profile(profile).loop
+    for setting in loop:
+        settings = changed(settings, **setting.values)
+    settings = changed(settings, rate_hz=rate, method=method, model=model, **steps)
     robot.check_turns(settings.refine)
     options.check_outputs(  # --record never replaces a file
         *(("--log", wiring.log), ("--view", options.view_file(wiring.view))),

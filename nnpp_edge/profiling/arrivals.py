@@ -9,14 +9,13 @@ from functools import partial
 import numpy as np
 
 from nnpp_edge.profiling.contest import Harness
-from nnpp_edge.profiling.profile_file import OnboardLoop
 from nnpp_edge.profiling.rivals import RivalPlanner
 from nnpp_edge.profiling.suites import heights_of
 from nnpp_edge.runtime.cells import Endpoints, slices
 from nnpp_edge.runtime.loop.connections import InProcessSource
 from nnpp_edge.runtime.loop.messages import Goal, Input, MapPatch, Origin, PathMessage, Pose
-from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.loop.runner import Loop
+from nnpp_edge.runtime.loop.settings import OnboardLoop
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.priors import prices_by
@@ -141,9 +140,11 @@ def reactions(
         feed()
 
     running = Loop(
-        Navigator(ground, **loop.planning()),
+        loop.navigator(ground),
         source,
-        **loop.pace(),
+        rate_hz=loop.rate_hz,
+        cores=loop.cores,
+        priority=loop.priority,
         after_tick=after_tick,
     )
     feed()

@@ -14,7 +14,7 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from nnpp_edge.profiling.outcome import outcome
+from nnpp_edge.outcome import outcome
 from nnpp_edge.progress import ignore
 from nnpp_edge.runtime.planners.plan import Plan
 

@@ -6,6 +6,7 @@ from itertools import product
 
 import numpy as np
 
+from nnpp_edge.outcome import outcome
 from nnpp_edge.profiling.contest import (
     Figures,
     Harness,
@@ -17,7 +18,6 @@ from nnpp_edge.profiling.contest import (
     ratio,
     summarised,
 )
-from nnpp_edge.profiling.outcome import outcome
 from nnpp_edge.profiling.rivals import EXACT, FindsPlans, RivalPlanner
 from nnpp_edge.profiling.suites import Case
 from nnpp_edge.progress import Progress, ignore

@@ -19,9 +19,10 @@ from nnpp_edge.profiling.contest import (
     summarised,
 )
 from nnpp_edge.profiling.measure import HALVES, Answers, Run, WorkloadRun
-from nnpp_edge.profiling.profile_file import THOUSANDTH, OnboardLoop
+from nnpp_edge.profiling.profile_file import THOUSANDTH
 from nnpp_edge.profiling.rivals import EXACT
 from nnpp_edge.runtime.arrays import Floats
+from nnpp_edge.runtime.loop.settings import OnboardLoop
 
 STAGES = ("encode", "inference", "threshold", "coarse", "search", "path", "other")
 """Of a plan, in the order of work."""

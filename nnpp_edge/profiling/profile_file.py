@@ -1,22 +1,19 @@
 """Profiles: a device, a workload, a model, and budgets on quantities, read from TOML."""
 
-import re
-from collections.abc import Collection
 from importlib.resources import files
 from itertools import chain, product
 from pathlib import Path
-from typing import Annotated, NamedTuple, TypeVar, get_args
+from typing import Annotated, NamedTuple
 
 import msgspec
 from msgspec import Meta
-from msgspec.structs import asdict, fields, replace
+from msgspec.structs import asdict, replace
 
 from nnpp_edge.profiling.contest import Facts
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.options import METHODS, STILL, Omega
-from nnpp_edge.runtime.planners.plan import DynamicMethod
-from nnpp_edge.runtime.reading import read_toml
-from nnpp_edge.runtime.terrain.step_cost import PAPER_OMEGA
+from nnpp_edge.runtime.loop.settings import Core, OnboardLoop
+from nnpp_edge.runtime.options import METHODS, STILL
+from nnpp_edge.runtime.reading import Table, changed, converted, read_toml
 from nnpp_edge.terrain.workloads import of_bodies
 
 _CHOSEN = [name for name in STILL if METHODS[name].chooses]
@@ -31,8 +28,6 @@ _LARGEST = 1e9
 
 _Whole = Annotated[int, Meta(ge=0, le=2**31 - 1)]
 _Count = Annotated[int, Meta(ge=1, le=2**31 - 1)]
-_Core = Annotated[int, Meta(ge=0, le=1023)]
-"""As many as the kernel's set of cores holds."""
 _Side = Annotated[int, Meta(ge=16, le=1 << 15)]
 _Finite = Annotated[float, Meta(ge=-_LARGEST, le=_LARGEST)]
 _Positive = Annotated[float, Meta(gt=0.0, le=_LARGEST)]
@@ -94,30 +89,10 @@ class ProfileError(InvalidQueryError):
     """A profile that cannot be used; the message names the file and the key."""
 
 
-class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A table of a profile. msgspec checks types when it is read, `__post_init__` the rest."""
-
-    def refuse_unless(self, fits: bool, key: str, wanted: str) -> None:
-        """ValueError about a key's value."""
-        if not fits:
-            raise ValueError(f"{key}: wanted {wanted}, got {getattr(self, key)!r}")
-
-    def check_choice(self, key: str, choices: Collection[str | int]) -> None:
-        """Refuse a value that is none of these."""
-        wanted = f"one of {', '.join(map(str, choices))}"
-        self.refuse_unless(getattr(self, key) in choices, key, wanted)
-
-    def check_different(self, *keys: str) -> None:
-        """Refuse lists that hold a value twice."""
-        for key in keys:
-            values = getattr(self, key)
-            self.refuse_unless(len(set(values)) == len(values), key, "different values")
-
-
 class Device(Table, frozen=True):
     """Where the run takes place."""
 
-    cores: Annotated[tuple[_Core, ...], Meta(min_length=1)] = (0,)
+    cores: Annotated[tuple[Core, ...], Meta(min_length=1)] = (0,)
     """Numbers of the cores to pin to."""
     threads: _Count | None = None
     """Of onnxruntime; None for what the runtime chooses by the network's size."""
@@ -172,51 +147,6 @@ class Networks(Table, frozen=True):
     """The network of the planner ``paper``. None, of both: not measured."""
 
 
-_PACE = ("rate_hz", "cores", "priority")
-
-
-class OnboardLoop(Table, frozen=True):
-    """How `nnpp-edge run` plans on this device."""
-
-    rate_hz: Annotated[float, Meta(ge=0.001, le=1000.0)] = 17.0
-    method: str = "auto"
-    """As `DynamicPlanner` takes it."""
-    model: str = "edge"
-    """By default the profile's int8 model."""
-    cores: tuple[_Core, ...] = ()
-    """To pin the loop's thread to; by default the device's, and without a profile none."""
-    priority: Annotated[int, Meta(ge=0, le=99)] = 0
-    """Under SCHED_FIFO; 0 for the usual scheduler."""
-    tolerance: Annotated[float, Meta(ge=0.0, le=_LARGEST)] = 0.02
-    """A standing path is kept while it cannot cost more than this share above what a new plan
-    might.
-    """
-    omega: Omega = PAPER_OMEGA
-    corner_cutting: bool = True
-    snap_radius: _Whole = 3
-    """Cells; how far from a robot in an impassable cell its path may begin."""
-    refine: str = ""
-    """As `DynamicPlanner` takes it; empty for paths of cells alone."""
-    approach: bool = False
-    """Whether paths lead as near to the goal as there is a way, where none leads to it."""
-    slice_ms: Annotated[float, Meta(ge=0.0, le=1e6)] = 10.0
-    """Milliseconds that a tick searches for a corridor; what takes longer goes on in the next."""
-
-    def __post_init__(self) -> None:
-        self.check_choice("method", tuple(DynamicMethod))
-        self.refuse_unless(self.refine in ("", "any-angle"), "refine", "'any-angle' or ''")
-        self.check_different("cores")
-
-    def pace(self) -> Facts:
-        """Rate, cores and priority, as options of `Loop`."""
-        return {name: getattr(self, name) for name in _PACE}
-
-    def planning(self) -> Facts:
-        """The other values, as options of `Navigator`."""
-        rest = {name: value for name, value in asdict(self).items() if name not in _PACE}
-        return rest | {"refine": self.refine or None}
-
-
 class Budget(Table, frozen=True):
     """One line of the table of budgets."""
 
@@ -255,6 +185,7 @@ class Profile(Table, frozen=True):
     the file, with `name` added.
     """
 
+    hidden = "name"
     name: str
     title: str
     planner: str = "auto"
@@ -326,28 +257,13 @@ def overridden(profile: Profile, **changes: object) -> tuple[Profile, list[str]]
     return replace(profile, load=load, budgets=tuple(kept)), dropped
 
 
-TableT = TypeVar("TableT", bound=Table)
-
-
-def changed(table: TableT, **changes: object) -> TableT:
-    """A table as options on the command line ask for; None changes nothing. ProfileError if out of
-    range.
-    """
-    given = {key: value for key, value in changes.items() if value is not None}
-    return _converted(asdict(table) | given, type(table))
-
-
 def _profile(content: Facts, name: str) -> Profile:
     if "name" in content:
         raise ProfileError("name: a profile is called by its file, got a key")
-    read = _converted({"title": name, **content, "name": name}, Profile)
+    read = converted({"title": name, **content, "name": name}, Profile)
     # what the file leaves to other keys: the loop's device and model, the planner of each budget
-    given = content.get("loop", {})
-    loop = read.loop
-    if "cores" not in given:
-        loop = replace(loop, cores=read.device.cores)
-    if "model" not in given:
-        loop = replace(loop, model=read.networks.int8)
+    left = {"cores": read.device.cores, "model": read.networks.int8}
+    loop = converted(left | content.get("loop", {}), OnboardLoop)
     budgets = []
     for budget in read.budgets:
         whose = LOOP if QUANTITIES[budget.quantity].of_loop else read.planner
@@ -363,32 +279,3 @@ def _profile(content: Facts, name: str) -> Profile:
         except ValueError as error:
             raise ProfileError(f"budgets[{at}].{error}") from None
     return profile
-
-
-def _converted(content: Facts, kind: type[TableT]) -> TableT:
-    """The table; ProfileError names the key, what was wanted and what came."""
-    try:
-        return msgspec.convert(content, kind)
-    except msgspec.ValidationError as error:
-        problem, _, place = str(error).replace("`", "").partition(" - at $")
-        value = content
-        for key in re.findall(r"\w+", place):
-            value = value[int(key) if isinstance(value, list | tuple) else key]
-        between = ": "
-        if problem.startswith("Expected"):
-            problem = f"{problem.partition(', got')[0]}, got {value!r}"
-        elif problem.startswith("Object contains unknown"):
-            problem += f": wanted one of {', '.join(_keys(kind, place))}"
-        elif not problem.startswith("Object"):
-            between = "."  # ours begin with the key
-        raise ProfileError(f"{place[1:]}{between}{problem}" if place else problem) from None
-
-
-def _keys(kind: type[Table], place: str) -> list[str]:
-    """The keys of the table at that place, ``.device`` or ``.budgets[0]``, of a table; a profile's
-    name is none.
-    """
-    tables = {each.encode_name: each.type for each in fields(kind)}
-    inner = tables.get(place.strip(".[]0123456789"), kind)
-    table = next(iter(get_args(inner)), inner)  # of a list's tables, their kind
-    return [each.encode_name for each in fields(table) if (table, each.name) != (Profile, "name")]

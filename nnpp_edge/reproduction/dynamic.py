@@ -7,8 +7,8 @@ from functools import partial
 
 import numpy as np
 
+from nnpp_edge.outcome import outcome
 from nnpp_edge.profiling.contest import Harness
-from nnpp_edge.profiling.outcome import outcome
 from nnpp_edge.profiling.suites import Case
 from nnpp_edge.reproduction import drawing, paper
 from nnpp_edge.reproduction.drawing import Scene

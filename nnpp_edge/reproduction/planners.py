@@ -7,8 +7,8 @@ from functools import partial
 
 import numpy as np
 
+from nnpp_edge.outcome import outcome
 from nnpp_edge.profiling.contest import Harness
-from nnpp_edge.profiling.outcome import outcome
 from nnpp_edge.profiling.plain_astar import build_graph, search
 from nnpp_edge.reproduction.regions import (
     CONTROLS,

@@ -91,6 +91,10 @@ class Samples:
         return replace(self, **{name: getattr(self, name)[queries] for name in _OF_QUERIES})
 
 
+Queries = Samples | KnownMaps
+"""Labelled queries, or maps known by their blocks for a network that prices unseen ground."""
+
+
 def make_dataset(
     recipe: Recipe,
     folder: Path,
@@ -263,7 +267,7 @@ class GrowingSet:
         numbers = count(self._read)
         return next(at for at in numbers if not _shard_path(self.folder, at).exists())
 
-    def read(self, shards: int) -> Samples | KnownMaps | None:
+    def read(self, shards: int) -> Queries | None:
         """The samples of the shards before this number that have not been read; None without."""
         numbers = range(self._read, shards)
         if not numbers:

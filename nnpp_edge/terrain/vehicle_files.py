@@ -9,10 +9,8 @@ from inspect import signature
 from pathlib import Path
 from typing import TypeVar
 
-import msgspec
-
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.reading import read_toml
+from nnpp_edge.runtime.reading import converted, read_toml
 from nnpp_edge.runtime.robots.slope.cost import SLOPE_COSTS, Mobility
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
@@ -102,9 +100,6 @@ def _refuse_unknown(values: Mapping[str, object], known: Iterable[str], source: 
 
 def _converted(values: object, kind: type[T], source: str) -> T:
     try:
-        return msgspec.convert(values, kind)
-    except msgspec.ValidationError as error:
-        problem, _, place = str(error).partition(" - at `$")
-        if place:
-            source += f": {place.strip('.`')}"
-        raise VehicleError(f"{source}: {problem}") from None
+        return converted(values, kind)
+    except InvalidQueryError as error:
+        raise VehicleError(f"{source}: {error}") from None

@@ -15,7 +15,7 @@ from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.arrays import Bool, Float32s, Int64
 from nnpp_edge.runtime.errors import DataSetError
 from nnpp_edge.runtime.network.model_file import UNSEEN
-from nnpp_edge.terrain.dataset import Samples
+from nnpp_edge.terrain.dataset import Queries
 from nnpp_edge.terrain.known import CERTAIN, KnownMaps
 from nnpp_edge.terrain.labels import EXCESS_STEP
 from nnpp_edge.training.checkpoint import TrainSettings
@@ -59,7 +59,7 @@ class Batches:
 
     def __init__(
         self,
-        samples: Samples | KnownMaps | None,
+        samples: Queries | None,
         spec: Spec,
         settings: TrainSettings,
         *,
@@ -83,7 +83,7 @@ class Batches:
         """Batches in an epoch."""
         return 0 if self.held is None else len(self.held.labels) // self.settings.batch
 
-    def extend(self, samples: Samples | KnownMaps) -> None:
+    def extend(self, samples: Queries) -> None:
         """Add samples of the same kind; the epochs that begin from now on have them, too."""
         held = self._of(samples)
         before = self.held
@@ -97,7 +97,7 @@ class Batches:
         before = self.held = None  # the device's memory is free before it is counted
         self.held = self._placed(held)
 
-    def _of(self, samples: Samples | KnownMaps) -> Held:
+    def _of(self, samples: Queries) -> Held:
         """Samples as they are kept, on the CPU."""
         if isinstance(samples, KnownMaps):
             answers = torch.from_numpy(np.ascontiguousarray(samples.answers))

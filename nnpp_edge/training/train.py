@@ -20,7 +20,7 @@ from nnpp_edge.model.network import Network
 from nnpp_edge.model.registry import Spec
 from nnpp_edge.progress import ignore
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError, ModelError
-from nnpp_edge.terrain.dataset import GrowingSet, Samples
+from nnpp_edge.terrain.dataset import GrowingSet, Queries, Samples
 from nnpp_edge.terrain.known import KnownMaps
 from nnpp_edge.training.batches import Batch, Batches
 from nnpp_edge.training.checkpoint import (
@@ -48,8 +48,8 @@ Report = Callable[[float, str], None]
 def train(
     spec: Spec,
     settings: TrainSettings,
-    training: Samples | KnownMaps | GrowingSet,
-    validation: Samples | KnownMaps,
+    training: Queries | GrowingSet,
+    validation: Queries,
     folder: Path,
     *,
     omega: float,
@@ -143,7 +143,7 @@ def train(
 class _Data:
     """The training's batches, and the set that they may grow from."""
 
-    def __init__(self, training: Samples | KnownMaps | GrowingSet, run: "Run") -> None:
+    def __init__(self, training: Queries | GrowingSet, run: "Run") -> None:
         self._run = run
         self._set = training if isinstance(training, GrowingSet) else None
         processes = run.processes

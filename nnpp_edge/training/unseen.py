@@ -3,14 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nnpp_edge.model.network import Network
+from nnpp_edge.runtime.arrays import Float32s
 from nnpp_edge.runtime.network.unseen import prices_of
 from nnpp_edge.terrain.known import KnownMaps
 from nnpp_edge.training.batches import known_planes
-
-Floats = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -42,7 +40,7 @@ class KnownValidator:
         no_facts = np.empty((len(planes), 0), np.float32)
         return [self.judge_answers(network.answers(planes, no_facts))]
 
-    def judge_answers(self, answers: Floats) -> Fit:
+    def judge_answers(self, answers: Float32s) -> Fit:
         """How well answers (N, 3, B, B) fit."""
         wrong = answers - self.wanted
         errors = [wrong[:, at] for at in range(wrong.shape[1])]

@@ -13,7 +13,7 @@ import numpy as np
 
 from nnpp_edge.model.network import Network
 from nnpp_edge.model.registry import Spec
-from nnpp_edge.profiling.outcome import outcome
+from nnpp_edge.outcome import outcome
 from nnpp_edge.runtime.arrays import Float32s
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.kernels.threshold import lowered
@@ -35,7 +35,7 @@ FACTORS = (1.0, 0.5, 0.2)
 @dataclass(frozen=True)
 class Judgement:
     """Means over the validation queries at one factor on the adaptive threshold; what is counted is
-    defined in `profiling.outcome`.
+    defined in `nnpp_edge.outcome`.
     """
 
     factor: float

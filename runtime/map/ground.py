@@ -61,8 +61,7 @@ class Ground:
     factor rows. Nothing of a cell's own elevation is known until a patch tells it."""
     prior: str = "network"
     """By what a cell is priced until then, see `network.priors`: ``network``, shown the coarse
-    map; ``slope``, the coarse map's, calibrated on maps that are known finely; ``eq1``, NNPP's
-    costs of the coarse map; ``mean``, one price for all."""
+    map; ``slope``, the coarse map's, calibrated on maps that are known finely."""
     prior_model: str | Path = "unseen"
     """That network: a shipped model's name, or a file."""
 

@@ -6,6 +6,7 @@ Training takes these from here too, so that what runs is what was trained.
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +14,11 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime.arrays import Planes
 from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.runtime.kernels.encoding import fill_ends, pool_planes
-from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.network.model_file import QUERY_SPACING
-from nnpp_edge.runtime.search.region import Lookup
+
+if TYPE_CHECKING:
+    from nnpp_edge.runtime.map.grid import Grid
+    from nnpp_edge.runtime.search.region import Lookup
 
 Point = tuple[float, float]
 """(row, col) in network cells."""
@@ -39,7 +42,7 @@ class Frame:
         scale = self.size / max(self.rows, self.cols)
         return max(1, round(self.rows * scale)), max(1, round(self.cols * scale))
 
-    def lookup(self, blocks: int) -> Lookup:
+    def lookup(self, blocks: int) -> "Lookup":
         """Row and column, on a grid of blocks × blocks over the square, of each row and column of
         the map.
         """
@@ -59,7 +62,7 @@ class Frame:
 
 
 def map_planes(
-    grid: Grid,
+    grid: "Grid",
     frame: Frame,
     out: Planes,
     parts: Sequence[Rectangle] | None = None,

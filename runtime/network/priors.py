@@ -18,15 +18,9 @@ from nnpp_edge.runtime.errors import InvalidQueryError, ModelError
 from nnpp_edge.runtime.map.unseen import Unseen
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.unseen import MARGIN, encode_unseen, expected_by_slope, prices_of
-from nnpp_edge.runtime.terrain.traversability import (
-    Traversability,
-    sides_of,
-    terrain_terms,
-    traversability_cost,
-)
+from nnpp_edge.runtime.options import PRIORS
+from nnpp_edge.runtime.terrain.traversability import Traversability, sides_of, terrain_terms
 from nnpp_edge.runtime.tuning import BLOCKED_PRICE, MOST_PRICE
-
-PRIORS = ("network", "slope", "eq1", "mean")
 
 
 def set_prices(unseen: Unseen) -> None:
@@ -65,23 +59,18 @@ def prices_by(
     what is relative in the elevations counts. InvalidQueryError where there is no such prior;
     ModelError where the network's `model` cannot be loaded or is another kind.
     """
-    known = np.isfinite(dem)
+    if prior not in PRIORS:
+        raise InvalidQueryError(f"prior must be one of {', '.join(PRIORS)}, got {prior!r}")
     sides_m = sides_of(cell_size_m, cell_width_m)
     if prior == "network":
         network = model if isinstance(model, NetworkModel) else NetworkModel(model)
         price = _by_network(network, dem, limits, sides_m, factor)
-    elif prior == "eq1":
-        cost = traversability_cost(dem, cell_size_m, limits, cell_width_m=cell_width_m, warn=False)
-        price = np.where(cost < 1.0, cost, np.float32(BLOCKED_PRICE))
-    elif prior in PRIORS:
+    else:
         slope = terrain_terms(dem, cell_size_m, cell_width_m=cell_width_m)[0]
         mean, blocked = expected_by_slope(slope, limits, factor)
         price = mean + np.float32(BLOCKED_PRICE) * blocked
-        if prior == "mean":
-            price[known] = price[known].sum() / max(known.sum(), 1)
-    else:
-        raise InvalidQueryError(f"prior must be one of {', '.join(PRIORS)}, got {prior!r}")
-    return np.where(known, np.clip(price, 0.0, MOST_PRICE), MOST_PRICE).astype(np.float32)
+    price = np.where(np.isfinite(dem), np.clip(price, 0.0, MOST_PRICE), MOST_PRICE)
+    return price.astype(np.float32)
 
 
 def _by_network(

@@ -67,12 +67,12 @@ plan cost.npz --start 1,1 --goal 9,9 --vehicle small-rover | wanted heights, got
 $HILL --vehicle none.toml                      | got 'none.toml' (no such file)
 $HILL --set clearance_m=0.3                    | length_m is missing
 $HILL --set clearance                          | wanted KEY=VALUE in TOML, such as clearance_m=0.3, got 'clearance'
-$BODY --set "axles='two'"                      | axles: Expected `int`, got `str`
+$BODY --set "axles='two'"                      | axles: Expected int, got 'two'
 $BODY --set clearance_m=nan                    | clearance_m must be
 $HILL --set clearance=0.3                      | clearance is unknown: wanted one of length_m, width_m
 $HILL --set radius_m=50                        | the map's edge lies within the vehicle's radius
 $HILL --vehicle body.toml                      | wheels is unknown: wanted one of length_m
-$HILL --step-cost energy --mobility heavy.toml | heavy.toml: mobility: energy: mass_kg must be a number above 0
+$HILL --step-cost energy --mobility heavy.toml | heavy.toml: mobility: energy.mass_kg must be a number above 0
 $HILL --set length_m=50 --set width_m=2 --set clearance_m=1 | a map that the vehicle fits on
 run --map hill.npz --ticks 1 --log log.mcap --vehicle body.toml | wheels is unknown: wanted one of length_m
 $EVAL --step-cost energy --mobility body.toml  | body.toml: wanted a table [mobility], got none

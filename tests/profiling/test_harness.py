@@ -6,8 +6,8 @@ from itertools import permutations
 
 import pytest
 
+from nnpp_edge.outcome import gap
 from nnpp_edge.profiling.contest import Harness
-from nnpp_edge.profiling.outcome import gap
 
 
 class FakeClock:

@@ -3,6 +3,7 @@
 import pytest
 
 from nnpp_edge.profiling.profile_file import SHIPPED, ProfileError, overridden, read_profile
+from nnpp_edge.runtime.errors import InvalidQueryError
 from tests.tables import cases
 
 GOOD = """
@@ -102,7 +103,7 @@ def test_a_vehicle_has_workloads_beside_a_points(write_toml):
     other, _ = overridden(profile, vehicle="a/folder/own.toml")
     assert (profile.load.vehicle, other.load.vehicle) == ("tracked", "a/folder/own.toml")
     assert other.facts()["load"]["vehicle"] == "own.toml"
-    with pytest.raises(ProfileError, match="vehicle: wanted none without"):
+    with pytest.raises(InvalidQueryError, match="vehicle: wanted none without"):
         overridden(read_profile(write_toml(GOOD)), vehicle="tracked")
 
 
@@ -125,5 +126,5 @@ def test_another_load_leaves_out_budgets_of_sizes_that_are_gone(write_toml):
     profile, dropped = overridden(read_profile(write_toml(GOOD)), sizes=(64,), queries=None, seed=4)
     assert dropped == ["gap"] and [budget.name for budget in profile.budgets] == ["fast"]
     assert (profile.load.sizes, profile.load.seed, profile.load.queries) == ((64,), 4, 60)
-    with pytest.raises(ProfileError, match="sizes"):
+    with pytest.raises(InvalidQueryError, match="sizes"):
         overridden(profile, sizes=(64, 64))

@@ -15,8 +15,9 @@ from nnpp_edge.profiling import measure, rivals
 from nnpp_edge.profiling.contest import PLACE
 from nnpp_edge.profiling.figures import break_even, loop_rows, rows
 from nnpp_edge.profiling.measure import ProfileMaps, queries_in, rivals_of, run
-from nnpp_edge.profiling.profile_file import Budget, Device, Load, Networks, OnboardLoop, Profile
+from nnpp_edge.profiling.profile_file import Budget, Device, Load, Networks, Profile
 from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.loop.settings import OnboardLoop
 from nnpp_edge.runtime.planners.planner import Planner
 
 LOAD = Load(

@@ -22,7 +22,6 @@ pytest.importorskip("rclpy")
 
 from nav_msgs.srv import GetPlan
 
-from nnpp_edge.profiling.profile_file import OnboardLoop
 from nnpp_edge.robot.ros2.frames import Place
 from nnpp_edge.robot.ros2.questions import Questions
 from nnpp_edge.robot.ros2.session import Session
@@ -30,6 +29,7 @@ from nnpp_edge.ros.maps import GridMap, MapFrame
 from nnpp_edge.runtime import Counters, DynamicPlanner, Ground, Navigator
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.loop.messages import MapPatch, Pose, StatusMessage
+from nnpp_edge.runtime.loop.settings import OnboardLoop
 from tests.robot.conftest import wait_until
 from tests.robot.ros2_types import built
 from tests.robot.test_ros_maps import message as grid_map
@@ -518,7 +518,7 @@ def test_a_service_and_actions_plan_as_nav2_asks(node, peer):
 @pytest.fixture
 def session():
     """One of a map of 4 × 4 cells of 0.25 m, whose loop does not run, of a node that is none."""
-    node = MagicMock(pace=OnboardLoop())
+    node = MagicMock(settings=OnboardLoop())
     node.listener = MagicMock(robot=None, goal=None, refused="")
     node.listener.overdue.return_value = ""
     navigator = Navigator(Ground(np.ones((4, 4), np.float32)), "astar")

@@ -15,10 +15,10 @@ from xml.etree import ElementTree
 import pytest
 import yaml
 
-from nnpp_edge.profiling.profile_file import ProfileError
 from nnpp_edge.robot.ros2 import answers, inputs
 from nnpp_edge.robot.ros2.grounds import first_ground
 from nnpp_edge.robot.ros2.parameters import NAMES, checked
+from nnpp_edge.runtime.errors import InvalidQueryError
 
 PACKAGE = Path(__file__).parents[2] / "deploy/ros2/nnpp_edge_ros"
 ROBOTS = ("car", "rover", "tracked")
@@ -121,7 +121,7 @@ BAD = (
 
 @pytest.mark.parametrize(("values", "words"), BAD)
 def test_a_parameter_that_makes_no_sense_is_refused_in_a_line(values, words):
-    with pytest.raises(ProfileError) as raised:
+    with pytest.raises(InvalidQueryError) as raised:
         checked(values)
     assert str(raised.value).startswith(words) and "\n" not in str(raised.value)
 
@@ -129,5 +129,5 @@ def test_a_parameter_that_makes_no_sense_is_refused_in_a_line(values, words):
 def test_a_whole_number_serves_as_a_fraction_and_a_body_needs_elevations():
     own, loop = checked({"map_size_m": 20, "rate_hz": 10})
     assert (own.map_size_m, loop.rate_hz) == (20.0, 10.0)
-    with pytest.raises(ProfileError, match="a body needs elevations"):
+    with pytest.raises(InvalidQueryError, match="a body needs elevations"):
         first_ground(checked({"vehicle": "tracked"})[0])

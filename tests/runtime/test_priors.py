@@ -5,7 +5,8 @@ import pytest
 
 from nnpp_edge.runtime import Planner, Traversability
 from nnpp_edge.runtime.errors import InvalidQueryError, ModelError
-from nnpp_edge.runtime.network.priors import PRIORS, prices_by, windows
+from nnpp_edge.runtime.network.priors import prices_by, windows
+from nnpp_edge.runtime.options import PRIORS
 from nnpp_edge.runtime.tuning import MOST_PRICE
 from nnpp_edge.terrain.dem import sample_dem
 

@@ -208,7 +208,7 @@ def of_ground(dem):
 
 
 def of_coarse(dem):
-    planner = DynamicPlanner.of_coarse(dem[::2, ::2], 2.0, 2, OVER[1], prior="eq1")
+    planner = DynamicPlanner.of_coarse(dem[::2, ::2], 2.0, 2, OVER[1], prior="slope")
     planner.update_elevation(0, 0, dem)
     planner.move(OVER[0])
     return planner.replan().status

@@ -82,9 +82,9 @@ BODY colour = 1                | colour is unknown | one of length_m, width_m | 
 BODY [wheels]\nlength_m = 1    | wheels is unknown
 length_m = 1.0\nwidth_m = 1.0  | clearance_m is missing
                                | length_m is missing
-BODY axles = 2.5               | axles: Expected `int`, got `float`
+BODY axles = 2.5               | axles: Expected int, got 2.5
 BODY axles = 9                 | axles | 2 to 8 | got 9
-length_m = true\nwidth_m = 1\nclearance_m = 0.3 | length_m: Expected `float | got `bool`
+length_m = true\nwidth_m = 1\nclearance_m = 0.3 | length_m: Expected float | got True
 length_m = 1.5\nwidth_m = 1\nclearance_m = -0.3 | clearance_m | -0.3
 length_m = 1.5\nwidth_m = 1\nclearance_m = 300  | toml: clearance_m must be in metres, | got 300
 BODY max_tilt_deg = 90         | max_tilt_deg | (0, 90) | 90
@@ -94,13 +94,13 @@ BODY [mobility.energy]\nmass_kg = -50\nrolling_resistance = 0.1 | mobility: ener
 """
 MOBILITIES = r"""
 BODY                           | wanted a table [mobility], got none
-BODY mobility = 3              | mobility: Expected `object`, got `int`
+BODY mobility = 3              | mobility: Expected object, got 3
 [mobility]\nfuel = 1           | mobility: fuel is unknown | tobler, irmischer, linear, time, energy
-[mobility]\ntime = 1           | mobility: time: Expected `object | null`, got `int`
+[mobility]\ntime = 1           | mobility: time: Expected object | null, got 1
 ENERGY colour = 1              | mobility.energy: colour is unknown | mass_kg
-[mobility.energy]\nmass_kg = 50 | mobility: energy: | missing required field `rolling
+[mobility.energy]\nmass_kg = 50 | mobility: energy: | missing required field rolling
 [mobility.energy]\nmass_kg = -50\nrolling_resistance = 0.1 | energy | mass_kg must be | got -50
-[mobility.time]\nslope_deg = [-10, 0]\nspeed_m_s = [1, true] | time.speed_m_s[1]: Expected `float`
+[mobility.time]\nslope_deg = [-10, 0]\nspeed_m_s = [1, true] | time.speed_m_s[1]: Expected float, got True
 [mobility.time]\nslope_deg = [-0.5, 0.35]\nspeed_m_s = [1, 1] | slope_deg must be in degrees
 WALKER path = true             | mobility.irmischer: path is unknown: wanted one of on_path, factor
 """

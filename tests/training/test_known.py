@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from nnpp_edge.calibrate.quantize import quantize
 from nnpp_edge.export.to_onnx import export_network, parity
 from nnpp_edge.model.registry import Spec
+from nnpp_edge.profiling.int8 import quantize
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError
 from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost
 from nnpp_edge.terrain.dataset import make_dataset, read_known, read_samples

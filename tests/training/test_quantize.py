@@ -9,10 +9,11 @@ import onnx
 import pytest
 import torch
 
-from nnpp_edge.calibrate.quantize import Comparison, quantised_graph, quantize
+from nnpp_edge.calibrate.quantize import quantised_graph
 from nnpp_edge.export.to_onnx import export_network
 from nnpp_edge.model.network import Network
 from nnpp_edge.model.registry import Spec
+from nnpp_edge.profiling.int8 import Comparison, quantize
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError, ModelError, OutputError
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.model_file import model_path

@@ -4,7 +4,6 @@ import signal
 from collections.abc import Callable
 from contextlib import ExitStack, closing
 
-from nnpp_edge.profiling.profile_file import OnboardLoop
 from nnpp_edge.robot.operations.metrics import serving_metrics
 from nnpp_edge.robot.operations.systemd import Notifier
 from nnpp_edge.robot.transports.mcap_log import McapLog
@@ -14,8 +13,8 @@ from nnpp_edge.runtime.errors import NnppEdgeError
 from nnpp_edge.runtime.exercises import exercise
 from nnpp_edge.runtime.loop.connections import Incoming, Recorder, Sink
 from nnpp_edge.runtime.loop.messages import Counters, PathMessage
-from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.loop.runner import Loop, handling_signals
+from nnpp_edge.runtime.loop.settings import OnboardLoop
 from nnpp_edge.runtime.loop.timing import Handler, signal_handlers
 from nnpp_edge.runtime.map.ground import Ground
 
@@ -51,7 +50,7 @@ def run(
     with signal_handlers(_STARTING), ExitStack() as stack:
         notifier = stack.enter_context(closing(Notifier()))
         exercise()
-        navigator = Navigator(ground, **settings.planning())
+        navigator = settings.navigator(ground)
 
         # the source comes first: a sink answers the inputs that are refused there
         entry, place = wiring.source
@@ -82,7 +81,9 @@ def run(
             navigator,
             feed,
             [*sinks, notifier],
-            **settings.pace(),
+            rate_hz=settings.rate_hz,
+            cores=settings.cores,
+            priority=settings.priority,
             paced=not wiring.fast,
             after_tick=after_tick,
         )

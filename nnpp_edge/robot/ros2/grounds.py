@@ -5,11 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
-from nnpp_edge.profiling.profile_file import ProfileError
 from nnpp_edge.robot.ros2.parameters import Own
 from nnpp_edge.ros.maps import MapFrame, OccupancyGrid
 from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.errors import InvalidMapError
+from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.memory import check_planner_fits
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
@@ -25,13 +24,15 @@ _MOST_CELLS = 200
 def first_ground(own: Own) -> Located | None:
     """The ground that the loop begins with; None where the topic of maps is to say.
 
-    ProfileError, TerrainError, VehicleError or InvalidMapError in one line where the parameters
-    make none.
+    InvalidQueryError, TerrainError, VehicleError or InvalidMapError in one line where the
+    parameters make none.
     """
     if own.by_topic:
         vehicle = _vehicle(own)
         if vehicle is not None and not vehicle.is_disc:
-            raise ProfileError("vehicle: a body needs elevations: wanted map_file or map_size_m")
+            raise InvalidQueryError(
+                "vehicle: a body needs elevations: wanted map_file or map_size_m"
+            )
         return None
     if own.map_file:
         heights, frame = _laid_out(read_dem(own.map_file), own.global_frame)
@@ -87,7 +88,7 @@ def _laid_out(dem: Dem, frame_id: str) -> tuple[Float2D, MapFrame]:
         e = d
         b = d = 0.0
     if b or d or abs(a) != abs(e):
-        raise ProfileError("map_file: wanted square cells along the axes, got others")
+        raise InvalidQueryError("map_file: wanted square cells along the axes, got others")
     rows, cols = heights.shape
     if a < 0.0:
         heights = heights[:, ::-1]

@@ -12,7 +12,6 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.signals import SignalHandlerOptions
 
-from nnpp_edge.profiling.profile_file import OnboardLoop
 from nnpp_edge.robot.ros2 import Ros, in_a_line
 from nnpp_edge.robot.ros2.answers import Outlet
 from nnpp_edge.robot.ros2.frames import Frames
@@ -26,6 +25,7 @@ from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.exercises import exercise
 from nnpp_edge.runtime.loop.ladder import one_line
 from nnpp_edge.runtime.loop.navigator import Navigator
+from nnpp_edge.runtime.loop.settings import OnboardLoop
 
 _DONE = TransitionCallbackReturn.SUCCESS
 _TELL_EVERY_S = 1.0
@@ -54,7 +54,7 @@ class PlannerNode(LifecycleNode):
         super().__init__("nnpp_edge")
         declare(self)
         self.own = Own()
-        self.pace = OnboardLoop()
+        self.settings = OnboardLoop()
         """What it was configured with."""
         self.frames = Frames(self)
         self._kept: tuple[Navigator, MapFrame] | None = None
@@ -71,7 +71,7 @@ class PlannerNode(LifecycleNode):
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Read what parameters say, load kernels and map, and declare the topics that go out."""
         try:
-            self.own, self.pace = checked(values_of(self))
+            self.own, self.settings = checked(values_of(self))
             exercise()
             self._kept = self._first()
         except Exception as error:
@@ -120,7 +120,7 @@ class PlannerNode(LifecycleNode):
 
     def begin_on(self, grid: OccupancyGrid) -> None:
         """Run the loop on this map of costs from now on."""
-        self._begin(Navigator(ground_of(self.own, grid), **self.pace.planning()), grid.frame)
+        self._begin(self.settings.navigator(ground_of(self.own, grid)), grid.frame)
 
     def tell_idle(self) -> None:
         """Where no loop runs, publish an empty path, and why."""
@@ -132,7 +132,7 @@ class PlannerNode(LifecycleNode):
     def _first(self) -> tuple[Navigator, MapFrame] | None:
         """As the parameters say, which are checked by it."""
         located = first_ground(self.own)
-        return located and (Navigator(located[0], **self.pace.planning()), located[1])
+        return located and (self.settings.navigator(located[0]), located[1])
 
     def _begin(self, navigator: Navigator, frame: MapFrame) -> None:
         """The loop before ends once all is made for this one."""
@@ -142,7 +142,7 @@ class PlannerNode(LifecycleNode):
         made.begin()
         self._session = made
         shape = navigator.map.shape
-        self.get_logger().info(f"ready: {self.pace.rate_hz:g} Hz, a map of {shape} cells")
+        self.get_logger().info(f"ready: {self.settings.rate_hz:g} Hz, a map of {shape} cells")
 
 
 def _executor() -> tuple[Ros, float]:

@@ -5,8 +5,10 @@ from typing import TYPE_CHECKING, Annotated
 from msgspec import Meta
 from msgspec.structs import asdict, fields
 
-from nnpp_edge.profiling.profile_file import OnboardLoop, ProfileError, Table, changed
 from nnpp_edge.robot.ros2 import Ros
+from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.loop.settings import OnboardLoop
+from nnpp_edge.runtime.reading import Table, changed
 
 if TYPE_CHECKING:
     from rclpy.node import Node
@@ -78,8 +80,8 @@ NAMES = (*Own.__struct_fields__, *_OF_LOOP)
 
 
 def checked(values: dict[str, object]) -> tuple[Own, OnboardLoop]:
-    """Parameters from values as ROS has them: a whole number serves as a fraction. ProfileError
-    says which makes no sense.
+    """Parameters from values as ROS has them: a whole number serves as a fraction.
+    InvalidQueryError says which makes no sense.
     """
     own = changed(Own(), **_some(values, Own))
     return own, changed(OnboardLoop(), **_some(values, OnboardLoop))
@@ -109,7 +111,7 @@ def declare(node: "Node") -> None:
     def check(changes: list[Ros]) -> SetParametersResult:
         try:
             checked({each.name: each.value for each in changes})
-        except ProfileError as error:
+        except InvalidQueryError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 

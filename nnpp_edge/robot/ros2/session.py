@@ -68,8 +68,16 @@ class Session:
         self._publishing = threading.Lock()
         self._ended = False
         self._questions = node.questions
-        pace = node.pace.pace()
-        self._loop = Loop(navigator, self, [self], **pace, after_tick=self._note)
+        settings = node.settings
+        self._loop = Loop(
+            navigator,
+            self,
+            [self],
+            rate_hz=settings.rate_hz,
+            cores=settings.cores,
+            priority=settings.priority,
+            after_tick=self._note,
+        )
         self._thread = threading.Thread(target=self._run, name="nnpp-edge loop", daemon=True)
         self.begin = self._thread.start
 
