@@ -103,7 +103,7 @@ NNPP (Ji et al., arXiv 2308.04792v3), its experiments on our terrain beside the 
 written by `nnpp-edge reproduce`. The verdicts follow from the figures by the rules beside them. \
 How the paper was read, and what is counted: `docs/reproduce.md`.
 
-Where a control meets a rule as well, the figure says nothing about the network. The *corridor* \
+Where controls meet a rule as well, the figure says nothing about the network. The *corridor* \
 has as many blocks as the network's region, so that MM is the same: those nearest to the path that \
 a search over the map averaged to blocks finds (of ours `corridor` and `corridor-dstar`). The \
 *straight band* has as many nearest to the line from start to goal. *Shuffled weights* are the \
@@ -265,7 +265,7 @@ def _write_page(output: Path) -> None:
         counts.append((each.link, each.title, *of_each))
     columns = ("", "experiment", "agrees", "better", "does not agree", "too few queries")
     parts.append(markdown_table(columns, counts))
-    columns = ("", "claim", "paper", "ours", "rule", "verdict")
+    columns = ("", "claim", "paper", "ours", "rule", "controls")
     for verdict, head in _HEADS.items():
         lines = [
             (each.link, *finding_cells(finding))
@@ -290,8 +290,5 @@ def _write_page(output: Path) -> None:
 
 def finding_cells(finding: Finding) -> tuple[str, ...]:
     """A finding's line in a table."""
-    verdict = f"**{finding.verdict}**"
-    if finding.controls:
-        controls = ", ".join(finding.controls)
-        verdict += f"; a control as well: {controls}"
-    return finding.claim, finding.paper, finding.ours, finding.rule, verdict
+    controls = ", ".join(finding.controls) or MISSING
+    return finding.claim, finding.paper, finding.ours, finding.rule, controls
