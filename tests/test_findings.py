@@ -74,8 +74,7 @@ def test_a_verdict_that_a_control_earns_too_says_so():
     for finding in judged:
         all_three = ("corridor", "straight band", "shuffled weights")
         assert finding.controls == (all_three if "A*NN" in finding.claim else ("corridor",))
-    words = "says nothing about the network, a control does as well: corridor"
-    assert words in finding_cells(found[0])[-1]
+    assert finding_cells(found[0])[-1].startswith("corridor")
     fast_but_dear = table2_findings(control=(9.0, 0.3, 1.0))
     assert not fast_but_dear[0].controls
 

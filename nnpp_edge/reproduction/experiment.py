@@ -25,13 +25,6 @@ MAPS_TRIED = 20
 """Maps that are tried for each that is wanted with a path."""
 BOTH = ("the paper's method", "ours")
 """The roles of the networks."""
-CONTROLS_NOTE = (
-    "*corridor*, the blocks nearest to the path that a search over the map averaged to blocks "
-    "finds, as many as the network's region has, so that MM is the same (of ours `corridor` and "
-    "`corridor-dstar`); *straight band*, as many blocks nearest to the line from start to goal; "
-    "*shuffled weights*, the same network with the weights of each layer in a random order. Where "
-    "a control meets a rule as well, the figure says nothing about the network"
-)
 
 
 @dataclass(frozen=True)

@@ -64,7 +64,7 @@ def fig14(context: Context, *, size: int = 256, goals: int = 5) -> Result:
         line.append(Scene(f"{name}: {excess} above the optimum", here))
     return Result(
         rows,
-        ("scene", "planner"),
+        ("part", "planner"),
         fig14_findings(rows),
         drawing.maps(list(lines.values())),
     )

@@ -97,7 +97,9 @@ class Rows(list[Row]):
 
 def seconds(value: float) -> str:
     """A time with its unit, three digits."""
-    return f"{shown(value, '.3g')} s" if value >= 1.0 else f"{shown(1e3 * value, '.3g')} ms"
+    if not math.isfinite(value):
+        return MISSING
+    return f"{value:.3g} s" if value >= 1.0 else f"{1e3 * value:.3g} ms"
 
 
 def times(ratio: float) -> str:
@@ -113,8 +115,8 @@ def percent(share: float, digits: int = 1) -> str:
 
 
 def spread(values: list[float], digits: int) -> str:
-    """Mean and standard deviation; a dash where there are no values."""
+    """Mean and standard deviation, of one value itself; a dash where there are no values."""
     if not values:
         return MISSING
     mean = f"{np.mean(values):.{digits}f}"
-    return f"{mean} ± {np.std(values):.{digits}f}"
+    return mean if len(values) == 1 else f"{mean} ± {np.std(values):.{digits}f}"

@@ -19,7 +19,7 @@ from nnpp_edge.profiling.suites import TerrainFiles
 from nnpp_edge.progress import MISSING, THOUSANDTHS, bar, markdown_table
 from nnpp_edge.reproduction.dynamic import table3, table4
 from nnpp_edge.reproduction.exact import fig7, table1
-from nnpp_edge.reproduction.experiment import BOTH, CONTROLS_NOTE, Context, Experiment
+from nnpp_edge.reproduction.experiment import BOTH, Context, Experiment
 from nnpp_edge.reproduction.findings import Finding, Verdict
 from nnpp_edge.reproduction.looks import fig14
 from nnpp_edge.reproduction.regions import Networks
@@ -99,10 +99,15 @@ _HEADS = {
 }
 _INTRODUCTION = """# The paper's experiments, repeated
 
-NNPP (Ji et al., arXiv 2308.04792v3), its experiments on our terrain with this toolkit, each \
-beside the paper's figures. This page and all that it links to are written by `nnpp-edge \
-reproduce`; the verdicts follow from the measured figures by the rules named beside them. How the \
-paper was read, and what is counted: `docs/reproduce.md`."""
+NNPP (Ji et al., arXiv 2308.04792v3), its experiments on our terrain beside the paper's figures, \
+written by `nnpp-edge reproduce`. The verdicts follow from the figures by the rules beside them. \
+How the paper was read, and what is counted: `docs/reproduce.md`.
+
+Where controls meet a rule as well, the figure says nothing about the network. The *corridor* \
+has as many blocks as the network's region, so that MM is the same: those nearest to the path that \
+a search over the map averaged to blocks finds (of ours `corridor` and `corridor-dstar`). The \
+*straight band* has as many nearest to the line from start to goal. *Shuffled weights* are the \
+network's, each layer's in a random order."""
 _SECTION = """<a id="{name}"></a>
 
 ## {where}: {title}
@@ -172,7 +177,7 @@ def reproduce(
             "made by": f"nnpp-edge {__version__}, seed {seed}" + ", `--quick`" * quick,
             "terrain": ", ".join(grounds),
             "networks": used or "none",
-            "controls": CONTROLS_NOTE if used else "none, as no network takes part",
+            "controls": "corridor, straight band, shuffled weights" if used else "none",
             "samples": ", ".join(f"{setting} {value}" for setting, value in settings.items()),
         }
         stored = read_experiment(output / name)
@@ -260,7 +265,7 @@ def _write_page(output: Path) -> None:
         counts.append((each.link, each.title, *of_each))
     columns = ("", "experiment", "agrees", "better", "does not agree", "too few queries")
     parts.append(markdown_table(columns, counts))
-    columns = ("", "claim", "paper", "ours", "rule", "verdict")
+    columns = ("", "claim", "paper", "ours", "rule", "controls")
     for verdict, head in _HEADS.items():
         lines = [
             (each.link, *finding_cells(finding))
@@ -285,8 +290,5 @@ def _write_page(output: Path) -> None:
 
 def finding_cells(finding: Finding) -> tuple[str, ...]:
     """A finding's line in a table."""
-    verdict = f"**{finding.verdict}**"
-    if finding.controls:
-        controls = ", ".join(finding.controls)
-        verdict += f"; says nothing about the network, a control does as well: {controls}"
-    return finding.claim, finding.paper, finding.ours, finding.rule, verdict
+    controls = ", ".join(finding.controls) or MISSING
+    return finding.claim, finding.paper, finding.ours, finding.rule, controls

@@ -313,7 +313,7 @@ def fig12(context: Context, *, size: int = 256, maps: int = 5, repeats: int = 5)
         scenes.append(Scene(title, here))
     return Result(
         rows,
-        ("map", "planner"),
+        ("planner",),
         fig12_findings(rows),
         drawing.maps([scenes]),
         [*rows, *paper.TABLE_4.of(scene=paper.STATIC)],

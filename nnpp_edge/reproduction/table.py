@@ -61,7 +61,7 @@ def written(name: str, value: object) -> str:
     if name == "planner":
         is_kind = value == NETWORK or value in CONTROLS_OF[NETWORK]
         return str(value) if is_kind or " " in str(value) else f"`{value}`"
-    return {"size": "{}²", "map": "map {}", "plan": "T + {}Δt"}.get(name, "{}").format(value)
+    return {"size": "{}²", "plan": "T + {}Δt"}.get(name, "{}").format(value)
 
 
 def network_of(planner: str, networks: Networks) -> str:
