@@ -51,8 +51,9 @@ Limit = Annotated[
     tuple[Setting, ...],
     SettingType("nnpp_edge.runtime.terrain.traversability:Traversability", "hard_slope_deg=20"),
     MANY,
-    f"Set a limit of the cost ({_named('limit')}), such as slope_limit_deg=20. Cells beyond "
-    f"{_named('hard')} or, from cell to cell, hard_gradient_deg are impassable. May be repeated.",
+    f"Set a limit of the cost ({_named('limit')}), such as slope_limit_deg=20, or a weight "
+    f"({_named('weight')}; their sum is 1). Cells beyond {_named('hard')} or, from cell to cell, "
+    "hard_gradient_deg are impassable. May be repeated.",
 ]
 
 

@@ -209,9 +209,8 @@ class SettingType(click.ParamType):  # type: ignore[type-arg]  # as above
         self.bare = bare
 
     def keys(self) -> list[str]:
-        """All but weights."""
-        found = pkgutil.resolve_name(self.kind).__annotations__
-        return [*(name for name in found if not name.endswith("_weight")), *self.more]
+        """Names of what may be set."""
+        return [*pkgutil.resolve_name(self.kind).__annotations__, *self.more]
 
     def convert(
         self, value: object, param: click.Parameter | None, ctx: click.Context | None

@@ -14,9 +14,11 @@ from tests.strategies import uniform
 
 
 def test_a_geotiff_keeps_the_place_and_marks_what_is_impassable(run, hills):
-    ended = run("costmap hills.tif -o cost.tif --limit hard_slope_deg=15")
+    weights = "--limit slope_weight=0.3 --limit step_weight=0.5"
+    ended = run(f"costmap hills.tif -o cost.tif --limit hard_slope_deg=15 {weights}")
     assert (ended.code, ended.err) == (0, "")
-    cost = traversability_cost(hills, 2.0, Traversability(hard_slope_deg=15))
+    limits = Traversability(hard_slope_deg=15, slope_weight=0.3, step_weight=0.5)
+    cost = traversability_cost(hills, 2.0, limits)
     back = read_dem("cost.tif")
     np.testing.assert_array_equal(back.elevation, np.where(np.isinf(cost), np.nan, cost))
     assert back.georeference.transform == PLACE.transform and "SVY21" in back.georeference.crs

@@ -186,6 +186,7 @@ costmap hills.tif -o cost.npz --memory 1kB  | must end in .tif
 $COST --limit slope_limit_deg=95               | got 95
 $COST --limit step_limit_m=high                | wanted KEY=VALUE in TOML, such as hard_slope_deg=20
 $COST --limit "hard_slope_deg='x'"             | hard_slope_deg
+$COST --limit slope_weight=0.5                 | the weights must be at least 0 and sum to 1
 $COST --limit slope=3                          | slope is unknown: wanted one of slope_limit_deg
 $COST --workload steep                         | steep
 $COST --workload limit20 --limit slope_limit_deg=25 | leave out --limit slope_limit_deg
