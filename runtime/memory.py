@@ -15,15 +15,12 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.errors import InvalidMapError
-
-if TYPE_CHECKING:
-    from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
 DIRECTED_BYTES_PER_CELL = 38
 """More where steps cost by the slope: eight costs 32, those of coarse levels 6."""
@@ -187,14 +184,3 @@ def _numbers(path: Path, start: str = "") -> Iterator[int]:
     for line in _lines(path):
         if line.startswith(start):
             yield from itertools.islice((int(word) for word in line.split() if word.isdecimal()), 1)
-
-
-def bytes_per_cell(vehicle: "Vehicle") -> int:
-    """Memory that planning takes for a vehicle, beside a point's.
-
-    For a body a height, a code for each motion, and g and parent of each state: a direction, and a
-    gear where a change costs. A disc has a point's map beside its own.
-    """
-    motions_of_cell = 16 if vehicle.turning_radius_m is None else 32
-    gears = 2 if vehicle.reverse_cost is not None and vehicle.gear_change_m else 1
-    return 12 if vehicle.is_disc else 4 + 2 * motions_of_cell + 8 * gears * 16

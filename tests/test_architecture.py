@@ -35,6 +35,8 @@ SELDOM_USED = re.compile(
     r"|planners\.(arc_corridor|by_blocks|mending|refine|tour))(\.|$)"
 )
 """What only some planners use."""
+KIND = re.compile(r"\.(is|by)_(a_)?(point|disc|foot|body|slope)\b")
+"""Asks which kind a robot is, in place of what is needed of it."""
 MOST_PARAMETERS = 10
 MORE_PARAMETERS: dict[str, float] = {}
 """Kernels with more parameters: the microseconds that a call would have cost with them bundled."""
@@ -182,6 +184,11 @@ def test_what_makes_models_loads_neither_planners_nor_training():
     loaded = loaded_with("import nnpp_edge.calibrate.quantize")
     assert len(loaded) <= MOST_LOADED
     assert [name for name in loaded if JUDGING.match(name)] == []
+
+
+def test_nobody_asks_which_kind_a_robot_is():
+    others = (path for path in SOURCES if "runtime/robots/" not in str(path))
+    assert [path for path in others if KIND.search(path.read_text())] == []
 
 
 def test_kernels_take_few_parameters():

@@ -143,11 +143,16 @@ class VehicleOptions:
 
         return vehicle_of(values, self.vehicle or "vehicle")
 
+    @property
+    def posed(self) -> "Vehicle | None":
+        """The vehicle, if its poses are checked: neither a point nor a disc."""
+        vehicle = self.body()
+        return vehicle and vehicle.as_body
+
     def check_turns(self, refine: str | None) -> None:
         """Refuse a turning radius that was set for a disc whose paths stay on the grid."""
         wanted = any("turning_radius_m" in setting.values for setting in self.settings)
-        body = self.body() if wanted and not refine else None
-        if body is not None and body.is_disc:
+        if wanted and not refine and self.posed is None:
             raise click.UsageError(
                 "turning_radius_m needs --refine any-angle: paths on the grid turn in a cell"
             )
@@ -243,7 +248,7 @@ class GroundOptions(VehicleOptions, TerrainOptions):
 
     def limits(self, place: "Place | None" = None) -> "Traversability":
         """As `TerrainOptions.limits`; UsageError for a body that is to stand on other cells."""
-        if self.rescale is not None and self._posed is not None:
+        if self.rescale is not None and self.posed is not None:
             raise click.UsageError(
                 "--rescale changes how cells are priced, and a body is checked on the ground "
                 "itself: leave it out (evaluate and simulate shrink the ground)"
@@ -253,13 +258,7 @@ class GroundOptions(VehicleOptions, TerrainOptions):
     @property
     def _default_workload(self) -> str:
         """A body's own limits decide where it may go."""
-        return "safe" if self._posed is None else "soft"
-
-    @property
-    def _posed(self) -> "Vehicle | None":
-        """The vehicle, if its poses are checked: neither a point nor a disc."""
-        body = self.body()
-        return None if body is None or body.is_disc else body
+        return "safe" if self.posed is None else "soft"
 
     def of(self, dem: "Dem") -> "Ground":
         """The ground of an elevation map; a warning says where its cells are too coarse for the
@@ -297,7 +296,7 @@ class GroundOptions(VehicleOptions, TerrainOptions):
         """Warn of cells on which the vehicle cannot turn as sharply as it may, and of those beside
         which it is so short that little is known of the ground below it.
         """
-        body = self._posed
+        body = self.posed
         if body is None:
             return
         if body.turning_radius_m:

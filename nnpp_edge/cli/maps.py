@@ -154,7 +154,6 @@ class Near(NamedTuple):
     elevation: Float2D
     cost: Float2D
     limits: Traversability
-    vehicle: Vehicle | None = None
     poses: Poses | None = None
     origin: Cell = (0, 0)
 
@@ -162,7 +161,7 @@ class Near(NamedTuple):
     def of(cls, dem: Dem, ground: Ground, cost: Float2D, planner: Planner) -> "Near":
         """The whole of a map in memory."""
         poses = planner.state.grid.robot.moves.poses
-        return cls(dem, dem.elevation, cost, ground.limits, ground.vehicle, poses)
+        return cls(dem, dem.elevation, cost, ground.limits, poses)
 
 
 def refuse_map(place: Place) -> NoReturn:
@@ -228,12 +227,11 @@ def _span(values: NDArray[np.float64], form: str) -> str:
 def _blocked(status: Status, cell: Cell, near: Near) -> str:
     """Why no path begins or ends on a cell, and the nearest one where it could."""
     end = f"{status.partition('_')[0].lower()} {cell} is impassable"
-    vehicle = near.vehicle
     at = (cell[0] - near.origin[0], cell[1] - near.origin[1])
-    if vehicle is not None and vehicle.is_disc and near.cost[at] < 1.0:
-        return f"{end}: an obstacle or the map's edge lies within the vehicle's radius"
     top, left = near.origin
     if near.poses is None:
+        if near.cost[at] < 1.0:
+            return f"{end}: an obstacle or the map's edge lies within the vehicle's radius"
         sides = (near.place.cell_size_m, near.place.cell_width_m)
         reason = why_impassable(near.elevation, at, sides, near.limits)
         passable = near.cost < 1.0

@@ -69,12 +69,12 @@ def command(
     with told_if_slow("loading the package"):
         from nnpp_edge.cli.maps import reads_by_windows
         from nnpp_edge.cli.planning import plan_by_windows, plan_in_memory
-        from nnpp_edge.runtime.memory import DIRECTED_BYTES_PER_CELL, bytes_per_cell
+        from nnpp_edge.runtime.memory import DIRECTED_BYTES_PER_CELL
 
     directed = robot.step_cost != "paper"
     body = robot.body()
     per_cell = (
-        _BYTES_PER_CELL + (bytes_per_cell(body) if body else 0) + DIRECTED_BYTES_PER_CELL * directed
+        _BYTES_PER_CELL + (body.bytes_per_cell if body else 0) + DIRECTED_BYTES_PER_CELL * directed
     )
     whole = directed or body is not None or any(name in FIGURES for name in request.formats)
     if request.crop is None and reads_by_windows(dem, memory, per_cell, whole=whole):

@@ -124,7 +124,7 @@ def plan_in_memory(
         dem, (start, via, goals) = _read(request, path, robot)
     method = query.pop("method", Method.AUTO)
     may_ask = method == "nnpp" or (method == "auto" and max(dem.shape) >= LARGE_MAP)
-    if may_ask and (body is None or body.is_disc):
+    if may_ask and robot.posed is None:
         loading.begin_loading(model)
     warn_if_not_square(dem)
     with told_if_slow("costs of the map"):

@@ -178,7 +178,7 @@ def command(
         walker = mobility.model(step_cost)
         on_foot = f"of a walker, by {walker.function}" if step_cost != "time" else ""
         lines["speeds"] = on_foot or "of the vehicle"
-    lines["ways"] = _TOO_LONG[ground.vehicle is not None and not ground.vehicle.is_disc]
+    lines["ways"] = _TOO_LONG[ground.body is not None]
     for level, cells, area in map(dict.values, found.areas):
         size = f"{area / 1e6:.4g} km²" if area >= 1e5 else f"{area:.0f} m²"
         share = 100.0 * cells / cost.size

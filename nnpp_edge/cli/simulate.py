@@ -117,9 +117,7 @@ def command(
         make_folders=True,
     )
     if dem is None:
-        cell_m = (
-            _SAMPLE_RESCALE if body is None or body.is_disc else body.length_m / _CELLS_TO_A_BODY
-        )
+        cell_m = robot.posed.length_m / _CELLS_TO_A_BODY if robot.posed else _SAMPLE_RESCALE
         dem = sample_path(_SAMPLE)
         rescale = rescale or cell_m
     with told_if_slow(f"reading {dem}"):

@@ -52,9 +52,7 @@ class Case:
         """For planners on a standing map: the costs, but elevations where a vehicle's poses or the
         slope decide.
         """
-        if self.ground.vehicle is not None or self.ground.by_slope:
-            return self.ground
-        return Ground(self.cost)
+        return Ground(self.cost) if self.ground.by_costs else self.ground
 
     def connections(self) -> Callable[[Endpoints], bool]:
         """Whether there is a path, as a function of the query."""

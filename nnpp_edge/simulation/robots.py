@@ -46,8 +46,8 @@ class Robot:
         self._by_costs = ground.elevation is None
         self._eased = ground
         self.reach = reach_of(ground.vehicle, self.sides_m)
-        body = ground.vehicle
-        if body is not None and not body.is_disc:
+        body = ground.body
+        if body is not None:
             limits = {name: getattr(body, name) for name in _LIMITS if getattr(body, name)}
             eased = {name: limit * (1.0 + _ROUNDING) for name, limit in limits.items()}
             self._eased = replace(ground, vehicle=replace(body, **eased))
@@ -55,7 +55,7 @@ class Robot:
     @property
     def has_legs(self) -> bool:
         """Whether it is a body, whose legs may lead to the cell after the next."""
-        return self.vehicle is not None and not self.vehicle.is_disc
+        return self._ground.body is not None
 
     def obstacle(self, values: Float2D) -> float:
         """The value of an obstacle's cells: the paper's cost, or unknown ground.
@@ -138,4 +138,4 @@ def reach_of(vehicle: Vehicle | None, sides_m: tuple[float, float]) -> int:
     """Cells from a robot's own to the farthest that lies under it."""
     if vehicle is None:
         return 0
-    return math.ceil((vehicle.radius_m or vehicle.reach_m) / min(sides_m)) + 1
+    return math.ceil(vehicle.reach_m / min(sides_m)) + 1

@@ -17,7 +17,6 @@ from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 from nnpp_edge.runtime.loop.messages import Input
 from nnpp_edge.runtime.options import StepOptions
 from nnpp_edge.runtime.robots.body.arcs import Arc, Drive, PoseOf, drive_along
-from nnpp_edge.runtime.terrain.step_cost import StepCost
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.simulation.robots import Robot
 from nnpp_edge.terrain.obstacles import CLEAR, Obstacles
@@ -54,15 +53,13 @@ class SurveyedGround:
         known; InvalidMapError for a disc whose steps cost by the slope.
         """
         assert ground.elevation is not None
-        vehicle = ground.vehicle
-        by_slope = ground.step_cost != StepCost.PAPER
-        if vehicle is not None and vehicle.is_disc and by_slope:
+        if ground.radius_m is not None and not ground.by_costs:
             raise InvalidMapError(
                 "a disc drives by costs here: wanted step_cost='paper', or no vehicle"
             )
         bare = ground.elevation if bare is None else bare
         surveyed = bare.copy() if block <= 1 else _blurred(bare, block / 2.0)
-        if by_slope or (vehicle is not None and not vehicle.is_disc):
+        if not ground.by_costs:
             return cls(ground, surveyed, heights=ground.elevation)
         costs = replace(ground, elevation=surveyed).costs()
         true = replace(ground, cost=ground.costs(), elevation=None)

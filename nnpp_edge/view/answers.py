@@ -97,7 +97,7 @@ class Answerer:
         dem = self.site.dem
         bodies = {}
         for name, body in self.site.bodies.items():
-            vehicle = body.vehicle if body.has_poses else None
+            vehicle = body.posed
             bodies[name] = {
                 "time": body.mobility.time is not None,
                 "energy": body.mobility.energy is not None,

@@ -41,14 +41,14 @@ class Body:
     options: tuple[str, ...] = ()
 
     @property
-    def has_poses(self) -> bool:
-        """Whether poses are checked: it is neither a point nor a disc."""
-        return self.vehicle is not None and not self.vehicle.is_disc
+    def posed(self) -> Vehicle | None:
+        """The vehicle, if its poses are checked: neither a point nor a disc."""
+        return self.vehicle and self.vehicle.as_body
 
     @property
     def has_arcs(self) -> bool:
         """Whether it drives arcs."""
-        return self.vehicle is not None and self.has_poses and bool(self.vehicle.turning_radius_m)
+        return self.posed is not None and self.posed.turning_radius_m is not None
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +139,7 @@ class Asked(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     def changes(self, site: Site) -> dict[str, float]:
         """Values that were set in place of the vehicle's own."""
-        if not self.chosen(site).has_poses:
+        if self.chosen(site).posed is None:
             return {}
         named = {"clearance_m": self.clearance_m, "max_tilt_deg": self.max_tilt_deg}
         return {name: value for name, value in named.items() if value is not None}
@@ -165,7 +165,7 @@ class Asked(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
         return Ground.of_elevation(
             dem.elevation,
             dem.cell_size_m,
-            self.limits.soft() if body.has_poses and unset else self.limits,
+            self.limits.soft() if body.posed and unset else self.limits,
             cell_width_m=dem.cell_width_m,
             vehicle=vehicle,
             step_cost=self.step_cost,

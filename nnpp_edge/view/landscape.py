@@ -54,7 +54,7 @@ class Landscape:
             1.
             """
         if site.blocks:
-            if self.ground.by_slope:
+            if self.ground.slope_cost is not None:
                 raise InvalidQueryError(
                     "blocks of a coarse map have prices: wanted the paper's cost of a step"
                 )

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D, as_map, numbers
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
-from nnpp_edge.runtime.options import TERMS
+from nnpp_edge.runtime.options import STEP_COSTS, TERMS
 from nnpp_edge.runtime.terrain.step_cost import StepCost, StepModel
 
 if TYPE_CHECKING:
-    from nnpp_edge.runtime.robots.slope.cost import Mobility
+    from nnpp_edge.runtime.robots.slope.cost import Mobility, SlopeCost
     from nnpp_edge.runtime.terrain.traversability import Traversability
     from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
@@ -73,24 +73,20 @@ class Ground:
         if self.elevation is not None:
             if self.cell_size_m is None:
                 raise InvalidMapError("wanted cell_size_m, the side of a cell, with elevations")
-            if self.by_slope:
-                from nnpp_edge.runtime.robots.slope.cost import slope_cost_of
-
-                slope_cost_of(self.step_cost, self.mobility)
+            slope_cost = self.slope_cost  # refused now
             if self.vehicle is not None:
                 from nnpp_edge.runtime.robots.slope.cost import Mobility
 
                 mobility = (self.mobility or Mobility()).unwalked()
                 object.__setattr__(self, "mobility", mobility)
             body = self.body
-            disc = self.vehicle is not None and body is None
             if body is not None and self.traversability is not None:
                 object.__setattr__(self, "vehicle", _within(body, self.traversability))
-            if self.by_slope and body is not None and body.turning_radius_m:
+            if slope_cost is not None and body is not None and body.turning_radius_m:
                 raise InvalidMapError(
                     f"arcs have the paper's cost: wanted step_cost='paper', got {self.step_cost!r}"
                 )
-            if self.factor > 1 and (self.by_slope or disc):
+            if self.factor > 1 and (slope_cost is not None or self.radius_m is not None):
                 raise InvalidMapError(
                     "a coarse map is for points and bodies: wanted step_cost='paper' and no "
                     "radius_m"
@@ -98,13 +94,10 @@ class Ground:
             return
         if self.factor > 1:
             raise InvalidMapError("a coarse map has elevations: got costs")
-        if self.by_slope:
-            from nnpp_edge.runtime.robots.slope.cost import SLOPE_COSTS
-
-            if self.step_cost in SLOPE_COSTS:
-                raise InvalidQueryError(
-                    f"step_cost={self.step_cost!r} needs heights: wanted a planner of elevations"
-                )
+        if self.step_cost != StepCost.PAPER and self.step_cost in STEP_COSTS:
+            raise InvalidQueryError(
+                f"step_cost={self.step_cost!r} needs heights: wanted a planner of elevations"
+            )
         StepModel.of(self.step_cost)
         if self.vehicle is None:
             return
@@ -168,7 +161,12 @@ class Ground:
     @property
     def body(self) -> "Vehicle | None":
         """The vehicle, if its poses decide where paths may go; None for a point or a disc."""
-        return None if self.vehicle is None or self.vehicle.is_disc else self.vehicle
+        return self.vehicle and self.vehicle.as_body
+
+    @property
+    def radius_m(self) -> float | None:
+        """Of a disc; None for a point or a body."""
+        return None if self.vehicle is None else self.vehicle.radius_m
 
     @property
     def limits(self) -> "Traversability":
@@ -182,9 +180,20 @@ class Ground:
         return (self.traversability or Traversability()).soft()
 
     @property
-    def by_slope(self) -> bool:
-        """Whether the cost of a step depends on the slope up or down."""
-        return self.step_cost not in list(StepCost)
+    def slope_cost(self) -> "SlopeCost | None":
+        """What steps cost by the slope up or down; None where they cost by their cells, as on a map
+        of costs. InvalidQueryError as for `Ground`.
+        """
+        if self.elevation is None or self.step_cost == StepCost.PAPER:
+            return None
+        from nnpp_edge.runtime.robots.slope.cost import slope_cost_of
+
+        return slope_cost_of(self.step_cost, self.mobility)
+
+    @property
+    def by_costs(self) -> bool:
+        """Whether cells' costs say all that paths go by, and heights nothing more."""
+        return self.body is None and self.slope_cost is None
 
     @property
     def shape(self) -> tuple[int, int]:

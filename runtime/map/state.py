@@ -20,7 +20,6 @@ from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.layers import Costs, Layer, Lowest
 from nnpp_edge.runtime.memory import (
     DIRECTED_BYTES_PER_CELL,
-    bytes_per_cell,
     check_planner_fits,
     is_filed,
 )
@@ -29,7 +28,6 @@ from nnpp_edge.runtime.terrain.step_cost import PAPER_OMEGA, StepCost, StepModel
 if TYPE_CHECKING:
     from nnpp_edge.runtime.map.along import Along, Line
     from nnpp_edge.runtime.map.pyramid import Pyramid
-    from nnpp_edge.runtime.robots.slope.cost import SlopeCost
 
 _MADE = ("grid", "_point", "log", "_pyramid", "_unpooled")
 """Made from the layers: a copy makes its own."""
@@ -60,17 +58,12 @@ class MapState:
         self._lazy = lazy
         self._limits = ground.limits
         self._mobility = ground.mobility
-        self._slope_cost: SlopeCost | None = None
-        if self.has_heights and ground.step_cost != StepCost.PAPER:
-            from nnpp_edge.runtime.robots.slope.cost import slope_cost_of
-
-            self._slope_cost = slope_cost_of(ground.step_cost, ground.mobility)
+        self._slope_cost = ground.slope_cost
         self._widening = None
-        if ground.vehicle is not None and ground.body is None:
+        if (radius_m := ground.radius_m) is not None:
             from nnpp_edge.runtime.robots.disc import Widening
 
-            assert ground.vehicle.radius_m is not None
-            self._widening = Widening(ground.vehicle.radius_m, ground.sides_m)
+            self._widening = Widening(radius_m, ground.sides_m)
         self.begin_anew()
 
     def begin_anew(self) -> None:
@@ -313,10 +306,9 @@ def map_state(
     """
     heights = ground.elevation
     vehicle = ground.vehicle
-    body_bytes = 0 if heights is None or vehicle is None else bytes_per_cell(vehicle)
-    by_slope = heights is not None and ground.by_slope
+    body_bytes = 0 if heights is None or vehicle is None else vehicle.bytes_per_cell
     if ground.factor == 1 or body_bytes:  # else memory goes by what is seen
-        more = DIRECTED_BYTES_PER_CELL * by_slope + body_bytes
+        more = DIRECTED_BYTES_PER_CELL * (ground.slope_cost is not None) + body_bytes
         check_planner_fits(ground.shape, more, filed=is_filed(heights))
     if warn and heights is not None and ground.factor == 1:
         from nnpp_edge.runtime.terrain.traversability import relative_heights, warn_of_saturation
@@ -324,10 +316,9 @@ def map_state(
         relative, _ = relative_heights(heights)
         level = 1 + users_line()
         warn_of_saturation(relative, ground.limits, ground.sides_m, stacklevel=level)
-    disc = vehicle is not None and ground.body is None
     if heights is None:
         model = StepModel.of(ground.step_cost, omega)
-        costs = Costs(ground.costs(), model, corner_cutting, tell_unknown or disc)
+        costs = Costs(ground.costs(), model, corner_cutting, tell_unknown or vehicle is not None)
         return MapState(ground, [costs])
     from nnpp_edge.runtime.map.heights import Heights, Told
 
@@ -337,5 +328,5 @@ def map_state(
 
         unseen = Unseen(ground)
     ground_layer = Heights(ground, StepModel.of(StepCost.PAPER, omega), corner_cutting, unseen)
-    told = Told(ground_layer, shut_alone=ground.by_slope or ground.body is not None)
+    told = Told(ground_layer, shut_alone=not ground.by_costs)
     return MapState(ground, [ground_layer, told], lazy=lazy or unseen is not None)

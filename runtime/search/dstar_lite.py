@@ -85,10 +85,11 @@ class DStarLite:
     It reads from the map's log what changed, and repairs its search when a path is asked for.
 
     Notes
-    ----- The heuristic is the octile distance at the price of the map's cheapest cell. When a
-    cheaper one turns up it would overestimate, so the search starts afresh with half that price:
-    this happens a few times at most. With directed steps the price is that of the cheapest metre
-    over all slopes, and never changes.
+    -----
+    The heuristic is the octile distance at the price of the map's cheapest cell. When a cheaper one
+    turns up it would overestimate, so the search starts afresh with half that price: this happens a
+    few times at most. With directed steps the price is that of the cheapest metre over all slopes,
+    and never changes.
     """
 
     def __init__(self, state: "MapState", goal: Cell, region: Region | None = None) -> None:

@@ -161,9 +161,10 @@ def traversability_cost(
         `dem` is not two-dimensional, is empty, or a cell size is not positive.
 
     Notes
-    ----- NNPP (arXiv 2308.04792v3), Eq. 1, each ratio clipped to 1. At the border and beside
-    unknown cells the plane is fitted to the cells that are known; where these lie on one line, to
-    the gradient along it.
+    -----
+    NNPP (arXiv 2308.04792v3), Eq. 1, each ratio clipped to 1. At the border and beside unknown
+    cells the plane is fitted to the cells that are known; where these lie on one line, to the
+    gradient along it.
     """
     heights, _ = relative_heights(dem)
     limits = traversability or Traversability()

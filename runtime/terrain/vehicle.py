@@ -157,9 +157,22 @@ class Vehicle:
                 )
 
     @property
-    def is_disc(self) -> bool:
-        """Whether nothing but a radius is known."""
-        return self.radius_m is not None
+    def as_body(self) -> "Vehicle | None":
+        """Itself, if its poses decide where paths may go; None of a disc."""
+        return self if self.radius_m is None else None
+
+    @property
+    def bytes_per_cell(self) -> int:
+        """Memory that planning takes, beside a point's.
+
+        For a body a height, a code for each motion, and g and parent of each state: a direction,
+        and a gear where a change costs. A disc has a point's map beside its own.
+        """
+        if self.radius_m is not None:
+            return 12
+        motions_of_cell = 16 if self.turning_radius_m is None else 32
+        gears = 2 if self.reverse_cost is not None and self.gear_change_m else 1
+        return 4 + 2 * motions_of_cell + 8 * gears * 16
 
     @property
     def can_turn_on_spot(self) -> bool:
@@ -217,5 +230,5 @@ class Vehicle:
 
     @property
     def reach_m(self) -> float:
-        """From the body's middle to its corners."""
-        return math.hypot(self.length_m, self.width_m) / 2.0
+        """From the middle to the corners, or of a disc to its edge."""
+        return self.radius_m or math.hypot(self.length_m, self.width_m) / 2.0

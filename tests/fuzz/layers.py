@@ -54,7 +54,7 @@ def generate(rng, place=NOWHERE):
     rows, cols = (FACTOR * numbers.integers(3, 11, 2)).tolist()
     plain = rng.random() < 0.4
     vehicle = None if plain else rng.choice(VEHICLES)
-    by_heights = rng.random() < 0.8 or not (vehicle is None or vehicle.is_disc)
+    by_heights = rng.random() < 0.8 or bool(vehicle and vehicle.as_body)
     heights = np.cumsum(numbers.normal(0.0, 0.015, (rows, cols)), axis=1).astype(np.float32)
     for _ in range(rng.randrange(8)):
         row, col = numbers.integers(0, (rows - 6, cols - 6)).tolist()
@@ -182,7 +182,7 @@ def _ground(case, layers):
 
 def _planner(case, layers):
     """The planner of a robot that has had the whole map from the start."""
-    disc = case.vehicle is None or case.vehicle.is_disc
+    disc = case.vehicle is None or not case.vehicle.as_body
     if case.means is None and (layers.heights is None or (case.step_cost == "paper" and disc)):
         return Planner(
             layers.cost(),

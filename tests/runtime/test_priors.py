@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from nnpp_edge.runtime import Planner, Traversability
-from nnpp_edge.runtime.errors import InvalidQueryError, ModelError
+from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.network.priors import prices_by, windows
 from nnpp_edge.runtime.options import PRIORS
 from nnpp_edge.runtime.tuning import MOST_PRICE
@@ -55,9 +55,7 @@ def test_prices_go_by_both_sides_of_a_block(name):
     assert wide == pytest.approx(square, rel=0.1)
 
 
-def test_unknown_names_and_networks_of_another_kind_are_refused():
-    with pytest.raises(InvalidQueryError, match="prior must be one of"):
-        prices_by("magic", hills(4), LIMIT20, 160.0, 8)
+def test_networks_of_another_kind_are_refused():
     with pytest.raises(ModelError, match="prices unseen ground"):
         prices_by("network", hills(4), LIMIT20, 160.0, 8, "edge")
 

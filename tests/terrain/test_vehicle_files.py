@@ -77,53 +77,43 @@ def test_a_mobility_has_what_stands_in_its_tables_and_defaults_else(write_toml):
     assert load_vehicle(beside) == load_vehicle(write_toml(BODY))
 
 
-VEHICLES = r"""
-BODY colour = 1                | colour is unknown | one of length_m, width_m | unknown_passes
-BODY [wheels]\nlength_m = 1    | wheels is unknown
-length_m = 1.0\nwidth_m = 1.0  | clearance_m is missing
-                               | length_m is missing
-BODY axles = 2.5               | axles: Expected int, got 2.5
-BODY axles = 9                 | axles | 2 to 8 | got 9
-length_m = true\nwidth_m = 1\nclearance_m = 0.3 | length_m: Expected float | got True
-length_m = 1.5\nwidth_m = 1\nclearance_m = -0.3 | clearance_m | -0.3
-length_m = 1.5\nwidth_m = 1\nclearance_m = 300  | toml: clearance_m must be in metres, | got 300
-BODY max_tilt_deg = 90         | max_tilt_deg | (0, 90) | 90
-BODY track_m = 1.2             | the wheels must lie under the body | track_m
-BODY length_m = 2              | wanted a vehicle in TOML
-BODY [mobility.energy]\nmass_kg = -50\nrolling_resistance = 0.1 | mobility: energy | mass_kg
+REFUSED = r"""
+vehicle | BODY colour = 1                | colour is unknown | one of length_m, width_m | unknown_passes
+vehicle | BODY [wheels]\nlength_m = 1    | wheels is unknown
+vehicle | length_m = 1.0\nwidth_m = 1.0  | clearance_m is missing
+vehicle |                                | length_m is missing
+vehicle | BODY axles = 2.5               | axles: Expected int, got 2.5
+vehicle | BODY axles = 9                 | axles | 2 to 8 | got 9
+vehicle | length_m = true\nwidth_m = 1\nclearance_m = 0.3 | length_m: Expected float | got True
+vehicle | length_m = 1.5\nwidth_m = 1\nclearance_m = -0.3 | clearance_m | -0.3
+vehicle | length_m = 1.5\nwidth_m = 1\nclearance_m = 300  | toml: clearance_m must be in metres, | got 300
+vehicle | BODY max_tilt_deg = 90         | max_tilt_deg | (0, 90) | 90
+vehicle | BODY track_m = 1.2             | the wheels must lie under the body | track_m
+vehicle | BODY length_m = 2              | wanted a vehicle in TOML
+vehicle | BODY [mobility.energy]\nmass_kg = -50\nrolling_resistance = 0.1 | mobility: energy | mass_kg
+mobility | BODY                           | wanted a table [mobility], got none
+mobility | BODY mobility = 3              | mobility: Expected object, got 3
+mobility | [mobility]\nfuel = 1           | mobility: fuel is unknown | tobler, irmischer, linear, time, energy
+mobility | [mobility]\ntime = 1           | mobility: time: Expected object | null, got 1
+mobility | ENERGY colour = 1              | mobility.energy: colour is unknown | mass_kg
+mobility | [mobility.energy]\nmass_kg = 50 | mobility: energy: | missing required field rolling
+mobility | [mobility.energy]\nmass_kg = -50\nrolling_resistance = 0.1 | energy | mass_kg must be | got -50
+mobility | [mobility.time]\nslope_deg = [-10, 0]\nspeed_m_s = [1, true] | time.speed_m_s[1]: Expected float, got True
+mobility | [mobility.time]\nslope_deg = [-0.5, 0.35]\nspeed_m_s = [1, 1] | slope_deg must be in degrees
+mobility | WALKER path = true             | mobility.irmischer: path is unknown: wanted one of on_path, factor
 """
-MOBILITIES = r"""
-BODY                           | wanted a table [mobility], got none
-BODY mobility = 3              | mobility: Expected object, got 3
-[mobility]\nfuel = 1           | mobility: fuel is unknown | tobler, irmischer, linear, time, energy
-[mobility]\ntime = 1           | mobility: time: Expected object | null, got 1
-ENERGY colour = 1              | mobility.energy: colour is unknown | mass_kg
-[mobility.energy]\nmass_kg = 50 | mobility: energy: | missing required field rolling
-[mobility.energy]\nmass_kg = -50\nrolling_resistance = 0.1 | energy | mass_kg must be | got -50
-[mobility.time]\nslope_deg = [-10, 0]\nspeed_m_s = [1, true] | time.speed_m_s[1]: Expected float, got True
-[mobility.time]\nslope_deg = [-0.5, 0.35]\nspeed_m_s = [1, 1] | slope_deg must be in degrees
-WALKER path = true             | mobility.irmischer: path is unknown: wanted one of on_path, factor
-"""
-"""What a file holds, and words of the refusal."""
+"""What is read, what its file holds, and words of the refusal."""
+READ = {"vehicle": load_vehicle, "mobility": load_mobility}
 
 
-def refused(load, text, words, write_toml):
+@pytest.mark.parametrize(("what", "text", "words"), cases(REFUSED, 3))
+def test_what_is_wrong_is_refused_in_one_line(what, text, words, write_toml):
     text = text.replace("BODY", BODY).replace("ENERGY", ENERGY).replace("WALKER", WALKER)
     with pytest.raises(VehicleError) as caught:
-        load(write_toml(text))
+        READ[what](write_toml(text))
     message = str(caught.value)
     assert [each for each in ["mine.toml", *words.split(" | ")] if each not in message] == []
     assert "\n" not in message
-
-
-@pytest.mark.parametrize(("text", "words"), cases(VEHICLES))
-def test_a_vehicle_that_is_wrong_is_refused_in_one_line(text, words, write_toml):
-    refused(load_vehicle, text, words, write_toml)
-
-
-@pytest.mark.parametrize(("text", "words"), cases(MOBILITIES))
-def test_a_mobility_that_is_wrong_is_refused_in_one_line(text, words, write_toml):
-    refused(load_mobility, text, words, write_toml)
 
 
 @pytest.mark.parametrize("name", ["nope", "", "/", "a\0b", "../quick"])

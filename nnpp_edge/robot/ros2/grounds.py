@@ -14,7 +14,7 @@ from nnpp_edge.runtime.memory import check_planner_fits
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.terrain.dem import Dem, read_dem
 from nnpp_edge.terrain.vehicle_files import read_vehicle, vehicle_of
-from nnpp_edge.terrain.workloads import SAFE, SOFT, workload
+from nnpp_edge.terrain.workloads import workload
 
 Located = tuple[Ground, MapFrame]
 _MOST_CELLS = 200
@@ -29,7 +29,7 @@ def first_ground(own: Own) -> Located | None:
     """
     if own.by_topic:
         vehicle = _vehicle(own)
-        if vehicle is not None and not vehicle.is_disc:
+        if vehicle is not None and vehicle.as_body:
             raise InvalidQueryError(
                 "vehicle: a body needs elevations: wanted map_file or map_size_m"
             )
@@ -43,8 +43,7 @@ def first_ground(own: Own) -> Located | None:
         frame = MapFrame(own.resolution, corner, corner, frame_id=own.global_frame)
         heights = np.full((cells, cells), np.nan, np.float32)
     vehicle = _vehicle(own, frame.resolution)
-    is_body = vehicle is not None and not vehicle.is_disc
-    limits = workload(own.workload or (SOFT if is_body else SAFE))
+    limits = workload(own.workload) if own.workload else None
     return Ground.of_elevation(heights, frame.resolution, limits, vehicle=vehicle), frame
 
 

@@ -331,12 +331,13 @@ def pose_costs(
         `dem` is no map, a cell size is not positive, or the body is larger than the map.
 
     Notes
-    ----- docs/vehicle-check.md. NNPP (arXiv 2308.04792v3), Eq. 1, of the body in place of the 3 × 3
+    -----
+    docs/vehicle-check.md. NNPP (arXiv 2308.04792v3), Eq. 1, of the body in place of the 3 × 3
     patch; bounds as in ACE (arXiv 1808.00031), of what departs from the plane on which the body
     stands.
     """
     sides = sides_of(cell_size_m, cell_width_m)
-    if vehicle.is_disc:
+    if vehicle.as_body is None:
         raise InvalidMapError(
             "a disc has no poses: wanted a vehicle with length, width and clearance"
         )

@@ -176,8 +176,9 @@ class ToblerCost(SlopeCost):
     on the map.
 
     Notes
-    ----- W. Tobler, Three presentations on geographical analysis and modeling, NCGIA technical
-    report 93-1, 1993: W = 6 exp(-3.5 |S + 0.05|) km/h; off paths 3/5 of it, on horseback 5/4.
+    -----
+    W. Tobler, Three presentations on geographical analysis and modeling, NCGIA technical report
+    93-1, 1993: W = 6 exp(-3.5 |S + 0.05|) km/h; off paths 3/5 of it, on horseback 5/4.
     """
 
     top_speed_km_h: float = 6.0
@@ -213,10 +214,11 @@ class LinearCost(SlopeCost):
     """Cost for each metre on the map, metre climbed and metre descended.
 
     Notes
-    ----- GRASS GIS, r.walk (Aitken 1977, Langmuir 1984, after Naismith's rule): T = a ΔS + b ΔH
-    uphill + c ΔH moderate downhill + d ΔH steep downhill, seconds, with walk_coeff 0.72, 6.0,
-    1.9998, -1.9998 and slope_factor -0.2125 (the tangent of 12°). Its ΔH of a descent is below 0,
-    so `down_per_m` is -c and `steep_down_per_m` is -d: a gentle descent saves time.
+    -----
+    GRASS GIS, r.walk (Aitken 1977, Langmuir 1984, after Naismith's rule): T = a ΔS + b ΔH uphill +
+    c ΔH moderate downhill + d ΔH steep downhill, seconds, with walk_coeff 0.72, 6.0, 1.9998,
+    -1.9998 and slope_factor -0.2125 (the tangent of 12°). Its ΔH of a descent is below 0, so
+    `down_per_m` is -c and `steep_down_per_m` is -d: a gentle descent saves time.
     """
 
     level_per_m: float = 0.72
@@ -304,7 +306,8 @@ class IrmischerCost(SlopeCost):
     """Seconds of a person who navigates on foot with a map, off paths or on them.
 
     Notes
-    ----- I. J. Irmischer and K. C. Clarke, Measuring and modeling the speed of human navigation,
+    -----
+    I. J. Irmischer and K. C. Clarke, Measuring and modeling the speed of human navigation,
     Cartography and Geographic Information Science 45 (2), 2018, from the tracks of 200 people in
     wooded country: with the slope s in percent, 0.11 + 0.67 exp(-(s + 2)² / (2·30²)) m/s off paths,
     0.11 + exp(-(s + 5)² / (2·30²)) on them; women 0.95 of it. Beyond 45° the speed on the ground is
@@ -341,10 +344,11 @@ class EnergyCost(SlopeCost):
     `idle_w` it draws besides, for as long as it goes.
 
     Notes
-    ----- N. C. Rowe and R. S. Ross, Optimal grid-free path planning across arbitrarily contoured
-    terrain with anisotropic friction and gravity effects, IEEE Transactions on Robotics and
-    Automation 6 (5), 1990: on slopes below -atan μ a vehicle brakes. Here its drive has an
-    efficiency and a recovery; with that a descent can cost less than nothing.
+    -----
+    N. C. Rowe and R. S. Ross, Optimal grid-free path planning across arbitrarily contoured terrain
+    with anisotropic friction and gravity effects, IEEE Transactions on Robotics and Automation 6
+    (5), 1990: on slopes below -atan μ a vehicle brakes. Here its drive has an efficiency and a
+    recovery; with that a descent can cost less than nothing.
     """
 
     mass_kg: float
