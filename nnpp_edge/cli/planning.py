@@ -142,14 +142,8 @@ def plan_in_memory(
     if "time_limit_s" in query:  # loading would use it up
         exercises.exercise()
     wanted: PlanOptions = {**query, "method": method, "keep_regions": drawn}
-    tour = None
     with told_if_slow("planning"):
-        if via:
-            tour = planner.plan_via(start, goals[0], via, best_order=request.best_order, **wanted)
-            ranked = [(goals[0], tour.plan)]
-        else:
-            found = planner.nearest(start, goals, count=len(goals), **wanted)
-            ranked = [(goals[at], plan) for at, plan in found]
+        tour, ranked = _plans(planner, request, (start, via, goals), wanted)
     goal, plan = ranked[0]
     if plan.source is None:  # no search was made
         refuse(plan.status, start, goal, near)
@@ -252,15 +246,10 @@ def plan_by_windows(
             "method, which reads by "
             "windows, or cut out a part of the map"
         )
-    within: PlanOptions = {
-        "epsilon": query.get("epsilon", math.inf),
-        "time_limit_s": query.get("time_limit_s", math.inf),
-        "method": "corridor",
-    }
     with robot.open(path) as ground:
         limits = robot.limits(ground)
         warn_if_not_square(ground)
-        start, via, goals = _ends(request, ground)
+        ends = _ends(request, ground)
         heights = filed_zeros(ground.shape, np.float32)
         with bar("rows of the map", ground.shape[0]) as advance:
             for part in _bands(ground):
@@ -275,13 +264,8 @@ def plan_by_windows(
         mobility=robot.mobility(dem),
     )
     planner = Planner(known, **steps)
-    tour = None
-    if via:
-        tour = planner.plan_via(start, goals[0], via, best_order=request.best_order, **within)
-        ranked = [(goals[0], tour.plan)]
-    else:
-        plans = [(goal, planner.plan(start, goal, **within)) for goal in goals]
-        ranked = sorted(plans, key=lambda found: (not found[1].ok, found[1].cost))
+    tour, ranked = _plans(planner, request, ends, {**query, "method": "corridor"})
+    start, _, _ = ends
     goal, plan = ranked[0]
     names = _names(request, dem, tour)
     if plan.source is None:  # no search was made
@@ -316,10 +300,24 @@ def plan_by_windows(
         picture,
         lambda stops, kind: b"",
         names,
-        goals=ranked if len(goals) > 1 else (),
+        goals=ranked if len(ranked) > 1 else (),
         tour=tour,
         hard_slope_deg=limits.hard_slope_deg,
     )
+
+
+def _plans(
+    planner: Planner, request: PlanRequest, ends: Ends, wanted: PlanOptions
+) -> tuple[Tour | None, list[tuple[Cell, Plan]]]:
+    """The tour by way of other places, if any, and the goals with their plans, the nearest
+    first.
+    """
+    start, via, goals = ends
+    if via:
+        tour = planner.plan_via(start, goals[0], via, best_order=request.best_order, **wanted)
+        return tour, [(goals[0], tour.plan)]
+    found = planner.nearest(start, goals, count=len(goals), **wanted)
+    return None, [(goals[at], plan) for at, plan in found]
 
 
 def _bands(ground: DemWindows) -> Iterator[Rectangle]:
