@@ -14,7 +14,7 @@ from nnpp_edge.profiling.suites import heights_of, whole_cost
 from nnpp_edge.progress import bar, markdown_table
 from nnpp_edge.reproduction.regions import shuffled
 from nnpp_edge.runtime import Ground, NetworkModel, Planner, Vehicle
-from nnpp_edge.runtime.arrays import Float2D, in_blocks
+from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Endpoints, slices, widened
 from nnpp_edge.runtime.network.model_file import model_path
 from nnpp_edge.runtime.network.priors import prices_by
@@ -69,31 +69,22 @@ class Site:
     @cached_property
     def coarse(self) -> Float2D:
         """The means of the blocks."""
-        blocks = in_blocks(self.elevation, self.factor)
-        means: Float2D = blocks.mean((1, 3), dtype=np.float64).astype(np.float32)
-        return means
+        return heights_of(self.ground.by_blocks(self.factor))
 
     @property
-    def known(self) -> tuple[Float2D, float, int, Traversability]:
-        """Means of the blocks, a block's side in metres, and in cells, and limits."""
-        block_m = self.ground.sides_m[0] * self.factor
-        return self.coarse, block_m, self.factor, self.ground.limits
+    def block_m(self) -> float:
+        """Side of a block."""
+        return self.ground.sides_m[0] * self.factor
 
     def prices(self, prior: str, model: str | NetworkModel = "unseen") -> Float2D:
         """By one of `PRIORS`."""
-        means, block_m, factor, limits = self.known
-        return prices_by(prior, means, limits, block_m, factor, model)
+        limits = self.ground.limits
+        return prices_by(prior, self.coarse, limits, self.block_m, self.factor, model)
 
     def by_eq1(self) -> Float2D:
         """A control: NNPP's Eq. 1 of the coarse map, as if its blocks were cells."""
-        means, block_m, _, limits = self.known
-        cost = traversability_cost(means, block_m, limits, warn=False)
+        cost = traversability_cost(self.coarse, self.block_m, self.ground.limits, warn=False)
         return np.where(cost < 1.0, cost, np.float32(BLOCKED_PRICE))
-
-    def by_mean(self) -> Float2D:
-        """A control: the mean of the slope's prices, for all blocks."""
-        prices = self.prices("slope")
-        return np.full_like(prices, prices.mean())
 
     def truth(self) -> Float2D:
         """The prices by what the blocks' cells turn out to be."""
@@ -106,7 +97,7 @@ class Site:
     def driven(self, ends: Endpoints, prices: Float2D, sight: int) -> float:
         """Cost of a drive from start to goal by these prices; inf where a body gets stuck."""
         body = self.ground.vehicle
-        planner = Planner(Ground.of_coarse(*self.known, prior="slope", vehicle=body))
+        planner = Planner(self.ground.by_blocks(self.factor, "slope"))
         assert planner.state.unseen is not None
         planner.state.unseen.layers[0] = prices
         far = sight + planner.state.reach_cells
@@ -184,7 +175,7 @@ def rivals(model: str) -> dict[str, Price]:
         "optimistic": lambda site: np.zeros_like(site.coarse),
         **{prior: partial(Site.prices, prior=prior, model=model) for prior in PRIORS},
         "eq1": Site.by_eq1,
-        "mean": Site.by_mean,
+        "mean": lambda site: np.full_like(site.coarse, site.prices("slope").mean()),
         "network, answers turned": lambda site: np.rot90(site.prices("network", model)),
         "network, weights shuffled": lambda site: site.prices("network", mixed),
         "truth": Site.truth,

@@ -106,7 +106,6 @@ def command(
     from nnpp_edge.progress import bar
     from nnpp_edge.runtime.network.inference import NetworkModel
     from nnpp_edge.runtime.planners.plan import Method
-    from nnpp_edge.runtime.robots.slope.cost import slope_cost_of
     from nnpp_edge.terrain.shards import stripe_of
     from nnpp_edge.terrain.workloads import of_bodies
 
@@ -128,7 +127,7 @@ def command(
     if body and not bodies:
         raise click.UsageError("--vehicle is for the workloads body and body-rocksN")
     if directed:
-        slope_cost_of(robot.step_cost, robot.mobility())  # refused now
+        robot.mobility().model(robot.step_cost)  # refused now
     limits = "".join(f" {each.word}" for each in limit)
     points = [name for name in workloads if name not in bodies]
     own = {
@@ -147,7 +146,7 @@ def command(
     if held_out:
         dems = [stripe_of(dem, (1.0 - validation_share, 1.0)) for dem in dems]
     suites.check_sizes(dems, sizes)
-    mobility = robot.mobility(*dems[:1]) if directed else None
+    mobility = robot.mobility(*dems[:1])
 
     def cases(name: str, size: int) -> "Iterator[Case]":
         for case in suites.terrain_cases(dems, name, size, seed, min_distance, body, own[name]):

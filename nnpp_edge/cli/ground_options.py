@@ -260,36 +260,25 @@ class GroundOptions(VehicleOptions, TerrainOptions):
         """A body's own limits decide where it may go."""
         return "safe" if self.posed is None else "soft"
 
-    def of(self, dem: "Dem") -> "Ground":
-        """The ground of an elevation map; a warning says where its cells are too coarse for the
-        vehicle.
+    def of(self, dem: "Dem", blocks: Blocks | None = None) -> "Ground":
+        """The ground of an elevation map, or of one whose cells are means of blocks of finer ones;
+        a warning says where cells are too coarse for the vehicle.
         """
         from nnpp_edge.runtime.map.ground import Ground
 
-        self.warn_if_coarse(dem)
-        return Ground.of_elevation(
+        factor, prior = blocks or Blocks(1)
+        if factor == 1:
+            self.warn_if_coarse(dem)
+        return Ground.of_coarse(
             dem.elevation,
             dem.cell_size_m,
+            factor,
             self.limits(dem),
+            prior=prior,
             cell_width_m=dem.cell_width_m,
             vehicle=self.body(),
             step_cost=self.step_cost,
             mobility=self.mobility(dem),
-        )
-
-    def of_blocks(self, dem: "Dem", blocks: Blocks) -> "Ground":
-        """The ground of a map whose cells are means of blocks of finer ones."""
-        from nnpp_edge.runtime.map.ground import Ground
-
-        return Ground.of_coarse(
-            dem.elevation,
-            dem.cell_size_m,
-            blocks.factor,
-            self.limits(dem),
-            prior=blocks.prior,
-            cell_width_m=dem.cell_width_m,
-            vehicle=self.body(),
-            step_cost=self.step_cost,
         )
 
     def warn_if_coarse(self, dem: "Dem") -> None:

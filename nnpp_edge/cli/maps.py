@@ -112,11 +112,6 @@ def chart_of(dem: Dem, cost: Float2D) -> Chart:
     return Chart(cost, dem.elevation, (dem.cell_size_m, dem.cell_width_m), dem.north_deg)
 
 
-def priced(ground: Ground, cost: Float2D) -> Ground:
-    """The ground to plan on: the costs that are known already, where nothing but these is asked."""
-    return ground if ground.vehicle or ground.step_cost != "paper" else Ground(cost)
-
-
 def reads_by_windows(
     dem: Path, memory: float | None, bytes_per_cell: int, *, whole: bool = False
 ) -> bool:

@@ -16,7 +16,6 @@ from nnpp_edge.cli.maps import (
     Near,
     chart_of,
     cost_of,
-    priced,
     refuse,
     refuse_map,
     refuse_outside,
@@ -118,7 +117,6 @@ def plan_in_memory(
     drawn: bool,
 ) -> Answer:
     """Plan on a map that is read into memory: to the nearest goal, or by way of other places."""
-    body = robot.body()
     hint = "" if request.crop else " (--crop METRES reads only the map around the ends)"
     with told_if_slow(f"reading {path}{hint}"):
         dem, (start, via, goals) = _read(request, path, robot)
@@ -135,7 +133,7 @@ def plan_in_memory(
         refuse_map(dem)
     body = ground.vehicle
     planner_of = partial(Planner, **steps)
-    planner = planner_of(priced(ground, cost), model=model)
+    planner = planner_of(ground.priced(cost), model=model)
     near = Near.of(dem, ground, cost, planner)
     if len(goals) == 1 and (problem := problem_with(planner.state.grid, start, goals[0])):
         refuse(problem, start, goals[0], near)

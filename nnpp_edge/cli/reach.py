@@ -112,7 +112,7 @@ def command(
 
     import numpy as np
 
-    from nnpp_edge.cli.maps import Near, chart_of, cost_of, priced, refuse, size_in_words, size_of
+    from nnpp_edge.cli.maps import Near, chart_of, cost_of, refuse, size_in_words, size_of
     from nnpp_edge.files import write_all
     from nnpp_edge.runtime import Planner
     from nnpp_edge.runtime.compiled.notice import told_if_slow
@@ -139,7 +139,7 @@ def command(
                 "--step-cost tobler to count a walker's all the same"
             )
     ground = replace(ground, step_cost=step_cost)
-    planner = Planner(priced(ground, cost), **steps)
+    planner = Planner(ground.priced(cost), **steps)
     if problem := problem_with(planner.state.grid, cell, cell):
         refuse(problem, cell, cell, Near.of(terrain, ground, cost, planner))
     shares = tuple((most * np.arange(1, levels + 1) / levels).tolist())

@@ -96,7 +96,7 @@ def command(
     )
     if "network" in DynamicMethod(settings.method).entry.needs:
         begin_loading(settings.model)
-    ground = robot.of_blocks(robot.read(map_file), known) if known else _ground(map_file, robot)
+    ground = robot.of(robot.read(map_file), known) if known else _ground(map_file, robot)
     counters = run(ground, wiring, settings, ticks=ticks, report=partial(click.echo, err=True))
     if as_json:
         click.echo(json.dumps(asdict(counters)))

@@ -200,10 +200,11 @@ def _data(
     # searched on the maps as they are held, as in training
     validator = Validator(read_samples(validation), spec, m.omega, HELD_OUT)
 
-    def judge(answers: Float32s) -> Judgement:
-        return validator.judge_answers(answers, (m.region_factor,))[0]
-
-    return pool.pick(order[:samples]), validator.shown, judge
+    return (
+        pool.pick(order[:samples]),
+        validator.shown,
+        lambda answers: validator.judge_answers(answers, (m.region_factor,))[0],
+    )
 
 
 def compare(fp32: NetworkModel, int8: NetworkModel, queries: Queries, judge: Judge) -> Comparison:

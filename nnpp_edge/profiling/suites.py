@@ -52,7 +52,7 @@ class Case:
         """For planners on a standing map: the costs, but elevations where a vehicle's poses or the
         slope decide.
         """
-        return Ground(self.cost) if self.ground.by_costs else self.ground
+        return self.ground.priced(self.cost)
 
     def connections(self) -> Callable[[Endpoints], bool]:
         """Whether there is a path, as a function of the query."""

@@ -46,16 +46,12 @@ class Robot:
         self._by_costs = ground.elevation is None
         self._eased = ground
         self.reach = reach_of(ground.vehicle, self.sides_m)
-        body = ground.body
+        self.body = body = ground.body
+        """Whose legs may lead to the cell after the next."""
         if body is not None:
             limits = {name: getattr(body, name) for name in _LIMITS if getattr(body, name)}
             eased = {name: limit * (1.0 + _ROUNDING) for name, limit in limits.items()}
             self._eased = replace(ground, vehicle=replace(body, **eased))
-
-    @property
-    def has_legs(self) -> bool:
-        """Whether it is a body, whose legs may lead to the cell after the next."""
-        return self._ground.body is not None
 
     def obstacle(self, values: Float2D) -> float:
         """The value of an obstacle's cells: the paper's cost, or unknown ground.
@@ -66,8 +62,7 @@ class Robot:
         if self._by_costs:
             return OBSTACLE
         highest = float(np.nanmax(values))
-        if self.vehicle is not None:
-            body = self.vehicle
+        if body := self.body:
             return highest + body.length_m + body.clearance_m + body.step_m
         return math.nan if self._known is None else highest + _SPIKE * max(self.sides_m)
 

@@ -53,40 +53,24 @@ class SurveyedGround:
         known; InvalidMapError for a disc whose steps cost by the slope.
         """
         assert ground.elevation is not None
-        if ground.radius_m is not None and not ground.by_costs:
-            raise InvalidMapError(
-                "a disc drives by costs here: wanted step_cost='paper', or no vehicle"
-            )
         bare = ground.elevation if bare is None else bare
         surveyed = bare.copy() if block <= 1 else _blurred(bare, block / 2.0)
         if not ground.by_costs:
+            if ground.radius_m is not None:
+                raise InvalidMapError(
+                    "a disc drives by costs here: wanted step_cost='paper', or no vehicle"
+                )
             return cls(ground, surveyed, heights=ground.elevation)
         costs = replace(ground, elevation=surveyed).costs()
-        true = replace(ground, cost=ground.costs(), elevation=None)
-        return cls(true, costs, heights=ground.elevation)
+        return cls(ground.priced(ground.costs()), costs, heights=ground.elevation)
 
     @classmethod
     def of_known(cls, ground: Ground, factor: int, prior: str) -> "SurveyedGround":
         """Of heights whose sides the factor divides, of which the robot knows the means
         of blocks.
         """
-        assert ground.elevation is not None
-        rows, cols = ground.shape
-        height_m, width_m = ground.sides_m
-        blocks = ground.elevation.reshape(rows // factor, factor, cols // factor, factor)
-        means = blocks.mean((1, 3), dtype=np.float64).astype(np.float32)
-        coarse = Ground.of_coarse(
-            means,
-            factor * height_m,
-            factor,
-            ground.traversability,
-            prior=prior,
-            cell_width_m=factor * width_m,
-            vehicle=ground.vehicle,
-            step_cost=ground.step_cost,
-        )
         unseen = np.full(ground.shape, np.nan, np.float32)
-        return cls(ground, unseen, coarse, ground.elevation)
+        return cls(ground, unseen, ground.by_blocks(factor, prior), ground.elevation)
 
     @cached_property
     def robot(self) -> Robot:
@@ -96,9 +80,8 @@ class SurveyedGround:
     @property
     def true(self) -> Float2D:
         """(H, W) costs or heights, whichever the robot goes by."""
-        if self.ground.elevation is None:
-            return self.ground.costs()
-        return self.ground.elevation
+        heights = self.ground.elevation
+        return self.ground.costs() if heights is None else heights
 
     def in_file(self, cell: Cell) -> Cell:
         """The file's cell."""
@@ -282,7 +265,7 @@ class Scene:
         self.robot = tuple(ahead[count, :2].tolist())
         if ahead.shape[1] == 3:
             self.heading_deg = float(self._headings[first + count])
-        elif self.ground.robot.has_legs and count:  # as it came here
+        elif self.ground.robot.body and count:  # as it came here
             self.heading_deg = float(self._headings[first + count - 1])
         self.waited += not count
 
@@ -386,7 +369,7 @@ def walkable(robot: Robot, path: Cells, values: Float2D, goal: Cell | None) -> b
         return False
     if path.shape[1] == 2:
         apart = np.abs(np.diff(cells, axis=0)).max(axis=1)
-        longest = 2 if robot.has_legs else 1
+        longest = 2 if robot.body else 1
         if ((apart < 1) | (apart > longest)).any():
             return False
     first = tuple(cells[0].tolist())

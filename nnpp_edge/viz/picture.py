@@ -45,7 +45,6 @@ from nnpp_edge.viz.palette import (
 )
 from nnpp_edge.viz.sheet import CIRCLE, LEAST_PIXELS, SHADES, Item, MapDrawing, Picture, metres
 
-Mask = NDArray[np.bool_]
 Shade = NDArray[np.uint8]
 """(H, W) lightness of the relief, or a number for each cell."""
 T = TypeVar("T", bound=np.generic)
@@ -83,7 +82,7 @@ _OVERVIEW = 0.22
 class Tint(NamedTuple):
     """Cells that are coloured where they can be passed."""
 
-    cells: Mask
+    cells: Bool
     strength: float
     colour: Colour
     words: str
@@ -174,7 +173,7 @@ class Chart:
         via: Sequence[Cell] = (),
         lines: Sequence[Drawn] = (),
         tints: Sequence[Tint] = (),
-        unseen: Mask | None = None,
+        unseen: Bool | None = None,
         outlines: Sequence[Line] = (),
         ended: Cell | None = None,
         part: Rectangle | None = None,

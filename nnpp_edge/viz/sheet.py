@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.arrays import Cells, Floats
+from nnpp_edge.runtime.arrays import Array, Cells, Floats
 from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.viz.palette import (
     BODY,
@@ -26,8 +26,7 @@ from nnpp_edge.viz.palette import (
 
 Picture = NDArray[np.uint8]
 Point = tuple[float, float]
-Points = NDArray[np.generic]
-Stroke = tuple[Sequence[Sequence[float]] | Points, Colour, float]
+Stroke = tuple[Sequence[Sequence[float]] | Array, Colour, float]
 """A line of points (x, y), its colour and its width."""
 
 LEAST_PIXELS = 800
@@ -93,7 +92,7 @@ class MapDrawing:
         how = cv2.INTER_NEAREST if height > cells.shape[0] else cv2.INTER_AREA
         return cv2.resize(cells, (width, height), interpolation=how)  # type: ignore[return-value]
 
-    def _points(self, cells: Points) -> Floats:
+    def _points(self, cells: Array) -> Floats:
         """(N, 2) x and y of the middles of cells."""
         places: Floats = (cells.astype(np.float64) - self._origin + 0.5) * self.sides - 0.5
         return np.add(places[:, ::-1], (self.left, self.margin))
@@ -122,11 +121,11 @@ class MapDrawing:
         framed = cv2.copyMakeBorder(whole, 2, 2, 2, 2, cv2.BORDER_CONSTANT, value=INK)
         self._corner = (np.asarray(framed, np.uint8), corner)
 
-    def line(self, cells: Points, colour: Colour, width: float) -> None:
+    def line(self, cells: Array, colour: Colour, width: float) -> None:
         """A path, `width` points wide."""
         self._stroke(self._points(cells), colour, width)
 
-    def bodies(self, outlines: Sequence[Points]) -> bool:
+    def bodies(self, outlines: Sequence[Array]) -> bool:
         """Draw outlines of a vehicle, rows and columns; whether they are large enough to be
         drawn.
         """
@@ -242,12 +241,12 @@ class MapDrawing:
         weight = max(1, round(0.7 * self.unit))
         cv2.putText(self.picture, words, place, _FONT, 0.5 * self.unit, INK, weight, cv2.LINE_AA)
 
-    def _polygon(self, corners: Points, middle: Point, colour: Colour) -> None:
+    def _polygon(self, corners: Array, middle: Point, colour: Colour) -> None:
         points = np.array(middle) + corners * self.unit
         cv2.fillPoly(self.picture, [_fixed(points)], colour, cv2.LINE_AA, _SHIFT)
         self._stroke(np.vstack((points, points[:1])), INK, 1.0)
 
-    def _stroke(self, points: Points, colour: Colour, width: float) -> None:
+    def _stroke(self, points: Array, colour: Colour, width: float) -> None:
         thickness = max(1, round(width * self.unit))
         cv2.polylines(self.picture, [_fixed(points)], False, colour, thickness, cv2.LINE_AA, _SHIFT)
 
@@ -256,7 +255,7 @@ def _paper(height: int, width: int) -> Picture:
     return np.full((height, width, 3), PAPER, np.uint8)
 
 
-def _fixed(points: Points) -> Cells:
+def _fixed(points: Array) -> Cells:
     return np.asarray(np.rint(points * 2**_SHIFT), np.int32)
 
 

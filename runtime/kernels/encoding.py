@@ -9,7 +9,6 @@ from numpy import inf
 from nnpp_edge.runtime.compiled.kernel import helper, inlined, kernel
 from nnpp_edge.runtime.kernels.records import Area, Rectangle
 
-GAUSSIAN_CHANNELS = 2
 BETWEEN_CHANNELS = 3
 END_CHANNELS = 6
 ENDS_CHANNELS = 2 * END_CHANNELS + BETWEEN_CHANNELS

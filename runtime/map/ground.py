@@ -7,8 +7,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from nnpp_edge.runtime.arguments import checked
-from nnpp_edge.runtime.arrays import Float2D, as_map, numbers
+from nnpp_edge.runtime.arrays import Float2D, as_map, in_blocks, numbers
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 from nnpp_edge.runtime.options import STEP_COSTS, TERMS
 from nnpp_edge.runtime.terrain.step_cost import StepCost, StepModel
@@ -186,14 +188,25 @@ class Ground:
         """
         if self.elevation is None or self.step_cost == StepCost.PAPER:
             return None
-        from nnpp_edge.runtime.robots.slope.cost import slope_cost_of
+        from nnpp_edge.runtime.robots.slope.cost import Mobility
 
-        return slope_cost_of(self.step_cost, self.mobility)
+        return (self.mobility or Mobility()).model(self.step_cost)
 
     @property
     def by_costs(self) -> bool:
         """Whether cells' costs say all that paths go by, and heights nothing more."""
         return self.body is None and self.slope_cost is None
+
+    def by_blocks(self, factor: int, prior: str = "network") -> "Ground":
+        """Itself as it is known by the means of blocks of `factor` × `factor` of its heights."""
+        assert self.elevation is not None
+        blocks = in_blocks(self.elevation, factor)
+        means = blocks.mean((1, 3), dtype=np.float64).astype(np.float32)
+        return replace(self, elevation=means, factor=factor, prior=prior)
+
+    def priced(self, cost: Float2D) -> "Ground":
+        """Itself with the cost (H, W) of each cell in place of heights, where these say no more."""
+        return replace(self, cost=cost, elevation=None) if self.by_costs else self
 
     @property
     def shape(self) -> tuple[int, int]:

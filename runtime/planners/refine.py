@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from nnpp_edge.runtime.arrays import Cells
+from nnpp_edge.runtime.arrays import Cells, Floats
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.kernels.any_angle import NO_DISC, corners, line_cost
@@ -30,7 +30,7 @@ from nnpp_edge.runtime.kernels.stations import freed
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.planners.plan import Plan
-from nnpp_edge.runtime.planners.turns import Points, curvatures, with_arcs
+from nnpp_edge.runtime.planners.turns import curvatures, with_arcs
 from nnpp_edge.runtime.stopwatch import Stopwatch
 from nnpp_edge.runtime.tuning import ANY_ANGLE, WAY_POINT_SAVES
 
@@ -60,7 +60,7 @@ def refines(name: str, grid: Grid) -> bool:
 class Line(NamedTuple):
     """Way points, and the line integral along them."""
 
-    points: Points
+    points: Floats
     cost: float
 
 
@@ -126,11 +126,11 @@ class Refiner:
                     return Line(rounded, cost)
         return None
 
-    def cost(self, points: Points) -> float:
+    def cost(self, points: Floats) -> float:
         """The line integral along way points; inf where it leads through what is impassable."""
         return float(line_cost(self._grid.packed, self._room, points))
 
-    def _turns(self, points: Points, radius: float) -> bool:
+    def _turns(self, points: Floats, radius: float) -> bool:
         """Whether no turn is sharper than a radius, in cells; on cells that are not square, in
         metres too.
         """

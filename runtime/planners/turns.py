@@ -6,13 +6,11 @@ import numpy as np
 
 from nnpp_edge.runtime.arrays import Floats
 
-Points = Floats
-"""(N, 2) places (row, col) in cells."""
 _ARC = math.radians(15.0)
 """The most that a way point on an arc turns."""
 
 
-def turns_rad(points: Points) -> Floats:
+def turns_rad(points: Floats) -> Floats:
     """(N,) by how much each way point turns the line, from 0 to π; 0 at the ends."""
     legs = np.diff(points, axis=0)
     headings = np.arctan2(legs[:, 1], legs[:, 0])
@@ -20,7 +18,7 @@ def turns_rad(points: Points) -> Floats:
     return np.concatenate(([0.0], turns, [0.0]))[: len(points)]
 
 
-def curvatures(points: Points) -> Floats:
+def curvatures(points: Floats) -> Floats:
     """(N,) one over the radius, in cells, of the widest arc that fits into each turn; 0 at the
     ends.
 
@@ -36,7 +34,7 @@ def curvatures(points: Points) -> Floats:
     return found
 
 
-def with_arcs(points: Points, radius: float) -> Points | None:
+def with_arcs(points: Floats, radius: float) -> Floats | None:
     """The line with an arc of this radius in place of each turn; None where a leg is too short for
     its arcs.
     """

@@ -202,7 +202,7 @@ def _planner(case, layers):
 def check(case, place=NOWHERE):
     """What is wrong with the loop's answers, beside the map that keeps the layers apart."""
     layers = Layers(case.heights, case.cost, case.limits)
-    body = case.vehicle is not None and not case.vehicle.is_disc
+    body = case.vehicle and case.vehicle.as_body
     clock = 100.0
     navigator = Navigator(
         _ground(case, layers),

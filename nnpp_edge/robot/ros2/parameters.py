@@ -83,12 +83,11 @@ def checked(values: dict[str, object]) -> tuple[Own, OnboardLoop]:
     """Parameters from values as ROS has them: a whole number serves as a fraction.
     InvalidQueryError says which makes no sense.
     """
-    own = changed(Own(), **_some(values, Own))
-    return own, changed(OnboardLoop(), **_some(values, OnboardLoop))
-
-
-def _some(values: dict[str, object], kind: type[Table]) -> dict[str, object]:
-    return {name: values[name] for name in kind.__struct_fields__ if name in values}
+    own, loop = (
+        {name: values[name] for name in names if name in values}
+        for names in (Own.__struct_fields__, _OF_LOOP)
+    )
+    return changed(Own(), **own), changed(OnboardLoop(), **loop)
 
 
 def declare(node: "Node") -> None:

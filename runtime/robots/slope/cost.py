@@ -460,14 +460,3 @@ class Mobility:
                 "vehicles have (--mobility small-rover, or load_mobility)"
             )
         return found
-
-
-def slope_cost_of(step_cost: str, mobility: Mobility | None = None) -> SlopeCost | None:
-    """The model that a map of elevations is planned on by; None for ``paper``, whose steps cost
-    alike both ways.
-
-    InvalidQueryError for a step cost that there is none of, or whose model needs a mobility.
-    """
-    if step_cost == "paper":
-        return None
-    return (mobility or Mobility()).model(step_cost)
