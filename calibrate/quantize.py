@@ -32,7 +32,7 @@ LAYERS_COMPARED_ON = 4
 
 
 @dataclass(frozen=True)
-class Layer:
+class Convolution:
     """A convolution, and how far int8 is from fp32 behind it."""
 
     name: str
@@ -45,7 +45,7 @@ class Layer:
 
 def quantised_graph(
     fp32: NetworkModel, queries: "Queries", folder: Path, exclude: Sequence[str] = ()
-) -> tuple[onnx.ModelProto, tuple[Layer, ...]]:
+) -> tuple[onnx.ModelProto, tuple[Convolution, ...]]:
     """A model's int8 variant, calibrated on all of the queries, and its convolutions, the largest
     error first.
 
@@ -93,7 +93,7 @@ def quantised_graph(
     outputs = (_behind(names, model, inputs) for model in (onnx.load(prepared), made))
     for name, exact, rounded in zip(names, *outputs, strict=True):
         error = np.linalg.norm(rounded - exact) / np.linalg.norm(exact)
-        layers.append(Layer(name, name in in_int8, float(error)))
+        layers.append(Convolution(name, name in in_int8, float(error)))
     return made, tuple(sorted(layers, key=lambda layer: -layer.error))
 
 

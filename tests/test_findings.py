@@ -6,7 +6,7 @@ import pytest
 from nnpp_edge.reproduction import dynamic, exact, paper, static
 from nnpp_edge.reproduction.findings import Verdict
 from nnpp_edge.reproduction.planners import CONTROLS_OF, PLAIN, PLAIN_CONTROLS, PLAIN_NN
-from nnpp_edge.reproduction.regions import CORRIDOR, Networks
+from nnpp_edge.reproduction.regions import CORRIDOR, NetworkPair
 from nnpp_edge.reproduction.rows import Rows
 from nnpp_edge.reproduction.runner import finding_cells
 from nnpp_edge.reproduction.table import summary
@@ -138,7 +138,7 @@ def test_the_best_omega_is_where_length_and_cc_together_are_least(omegas, length
 
 
 def test_sums_are_over_the_queries_that_all_answered(tiny_model):
-    tiny_networks = Networks(NetworkModel(tiny_model), NetworkModel(tiny_model))
+    tiny_networks = NetworkPair(NetworkModel(tiny_model), NetworkModel(tiny_model))
     answer = {"scene": "-d", "planner": PLAIN, "cc": 10.0, "exact_cc": 10.0, "found": 1.0}
     failed = {"scene": "-d", "planner": PLAIN_NN, "plan": 1, "time_s": 1.0, "found": 0.0}
     rows = Rows(

@@ -22,7 +22,7 @@ from nnpp_edge.outcome import gap
 from nnpp_edge.profiling.contest import (
     Figures,
     Harness,
-    Record,
+    RivalCalls,
     Row,
     Summary,
     mean,
@@ -224,8 +224,8 @@ def compare(
 
 def _answer(
     weights: Weights,
-    record: Record[Endpoints, CellPath | None],
-    reference: Record[Endpoints, CellPath | None],
+    record: RivalCalls[Endpoints, CellPath | None],
+    reference: RivalCalls[Endpoints, CellPath | None],
 ) -> Row:
     """Figures of a planner's answer beside that of exact A*."""
     row: Row = {

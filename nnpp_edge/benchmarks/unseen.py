@@ -46,7 +46,7 @@ REFERENCE = "slope"
 
 
 @dataclass(frozen=True, eq=False)
-class Site:
+class BlockGround:
     """A square ground of elevations, of which a robot knows the means of blocks."""
 
     ground: Ground
@@ -121,7 +121,7 @@ class Site:
         return self.whole.state.grid.costs_of(np.array(way, np.int32))[0]
 
 
-Price = Callable[[Site], Float2D]
+Price = Callable[[BlockGround], Float2D]
 
 
 def drives(
@@ -130,7 +130,7 @@ def drives(
     factor: int,
     count: int,
     vehicle: Vehicle | None,
-) -> Iterator[tuple[Site, Endpoints, float]]:
+) -> Iterator[tuple[BlockGround, Endpoints, float]]:
     """Drives on random windows of a map, at most two on each, and the costs of the best paths.
 
     A vehicle drives among rocks on 1 to 12 % of the ground, more and fewer by the dozen of metres.
@@ -142,7 +142,7 @@ def drives(
         if vehicle is not None:
             elevation = elevation + patchy_rocks(elevation.shape, dem.cell_size_m, rng)
         ground = Ground.of_elevation(elevation, dem.cell_size_m, limits, vehicle=vehicle)
-        site = Site(ground, factor)
+        site = BlockGround(ground, factor)
         if np.isinf(site.costs).mean() > MOST_BLOCKED:
             continue
         for _ in range(min(count, 2)):
@@ -173,12 +173,12 @@ def rivals(model: str) -> dict[str, Price]:
     mixed = shuffled(model_path(model))
     return {
         "optimistic": lambda site: np.zeros_like(site.coarse),
-        **{prior: partial(Site.prices, prior=prior, model=model) for prior in PRIORS},
-        "eq1": Site.by_eq1,
+        **{prior: partial(BlockGround.prices, prior=prior, model=model) for prior in PRIORS},
+        "eq1": BlockGround.by_eq1,
         "mean": lambda site: np.full_like(site.coarse, site.prices("slope").mean()),
         "network, answers turned": lambda site: np.rot90(site.prices("network", model)),
         "network, weights shuffled": lambda site: site.prices("network", mixed),
-        "truth": Site.truth,
+        "truth": BlockGround.truth,
     }
 
 

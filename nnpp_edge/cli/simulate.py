@@ -19,7 +19,7 @@ from nnpp_edge.runtime.options import METHODS, StepOptions
 if TYPE_CHECKING:
     from nnpp_edge.runtime.loop.connections import Sink
     from nnpp_edge.runtime.map.state import MapState
-    from nnpp_edge.simulation.simulate import Drive
+    from nnpp_edge.simulation.simulate import DriveOutcome
 
 _SAMPLE = "moon_highlands"
 _SAMPLE_RESCALE = 20.0
@@ -199,7 +199,7 @@ def command(
         click.get_current_context().exit(1)
 
 
-def text(drive: "Drive", result: Row, name: str) -> str:
+def text(drive: "DriveOutcome", result: Row, name: str) -> str:
     """The result for people, on a part of the map of this name."""
     ticks = drive.counters
     degraded = ", ".join(f"{count} {kind}" for kind, count in sorted(ticks.degraded.items()))

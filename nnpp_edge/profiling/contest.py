@@ -41,7 +41,7 @@ Summary = Mapping[str, Figure]
 
 
 @dataclass(frozen=True)
-class Record(Generic[CaseT, ResultT]):
+class RivalCalls(Generic[CaseT, ResultT]):
     """One rival's calls on one case, in the order in which they were made."""
 
     case: CaseT
@@ -89,7 +89,7 @@ class Harness:
         once: Collection[str] = (),
         before: Callable[[str], None] = ignore,
         after: Callable[[str, float, ResultT], None] = ignore,
-    ) -> Iterator[dict[str, Record[CaseT, ResultT]]]:
+    ) -> Iterator[dict[str, RivalCalls[CaseT, ResultT]]]:
         """Let every rival, a function of a case, answer every case: for each case a record of each
         rival, in order.
 
@@ -113,7 +113,7 @@ class Harness:
                         seconds = self.clock() - began
                         after(name, seconds, result)
                         calls[name].append((seconds, result))
-            yield {name: Record(case, *zip(*made, strict=True)) for name, made in calls.items()}
+            yield {name: RivalCalls(case, *zip(*made, strict=True)) for name, made in calls.items()}
 
 
 @contextmanager

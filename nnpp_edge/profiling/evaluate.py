@@ -10,7 +10,7 @@ from nnpp_edge.outcome import outcome
 from nnpp_edge.profiling.contest import (
     Figures,
     Harness,
-    Record,
+    RivalCalls,
     Row,
     answer,
     mean,
@@ -28,7 +28,7 @@ from nnpp_edge.runtime.kernels.poses import AXIS_COUNT
 from nnpp_edge.runtime.planners.plan import Plan, Source
 from nnpp_edge.runtime.robots.body.motions import all_motions
 
-Records = Mapping[str, Record[Endpoints, Plan]]
+Records = Mapping[str, RivalCalls[Endpoints, Plan]]
 """Measurements on a query, by the names of the calls."""
 EAGER = "-eager"
 """Ends the name of a planner that computes all costs of a fresh map before it plans."""

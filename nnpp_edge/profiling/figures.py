@@ -18,7 +18,7 @@ from nnpp_edge.profiling.contest import (
     ratio,
     summarised,
 )
-from nnpp_edge.profiling.measure import HALVES, Answers, Run, WorkloadRun
+from nnpp_edge.profiling.measure import HALVES, Answers, Measurements, WorkloadRun
 from nnpp_edge.profiling.profile_file import THOUSANDTH
 from nnpp_edge.profiling.rivals import EXACT
 from nnpp_edge.runtime.arrays import Floats
@@ -49,7 +49,7 @@ _ANSWERS: Summary = {
 }
 
 
-def rows(run: Run) -> list[Facts]:
+def rows(run: Measurements) -> list[Facts]:
     """A row for each workload, size and planner, in order: ``results`` in
     docs/reference/figures.md.
     """
@@ -62,7 +62,7 @@ def stages_of(results: Sequence[Facts]) -> list[str]:
     return [*(stage for stage in STAGES if stage in found), *sorted(found - set(STAGES))]
 
 
-def loop_rows(run: Run, loop: OnboardLoop) -> list[Facts]:
+def loop_rows(run: Measurements, loop: OnboardLoop) -> list[Facts]:
     """A row for each workload and size at which the reactions of this loop were measured."""
     found: list[Facts] = []
     for of in run.workloads:

@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 import msgspec
 import numpy as np
 
-from nnpp_edge.calibrate.quantize import Layer, answers, int8_file, quantised_graph
+from nnpp_edge.calibrate.quantize import Convolution, answers, int8_file, quantised_graph
 from nnpp_edge.files import write_all
 from nnpp_edge.model.registry import Spec
 from nnpp_edge.profiling.inference import PAYS_FROM, fp32_and_int8_ms, int8_in_words
@@ -98,7 +98,7 @@ class QuantizeReport:
     output: str
     samples: int
     """Queries that it was calibrated on."""
-    layers: tuple[Layer, ...]
+    layers: tuple[Convolution, ...]
     """All convolutions but those in a branch, as of `edge`'s head; the largest error first."""
     fp32_bytes: int
     int8_bytes: int

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from nnpp_edge.profiling.arrivals import Reactions, arrival_ms, reactions
-from nnpp_edge.profiling.contest import Harness, Record
+from nnpp_edge.profiling.contest import Harness, RivalCalls
 from nnpp_edge.profiling.inference import inference_ms
 from nnpp_edge.profiling.machine import Disturbance, EnergyMeter
 from nnpp_edge.profiling.plain_astar import build_graph, search
@@ -69,7 +69,7 @@ class Answers:
         means: Floats = self.halves(name).mean(0)
         return means
 
-    def add(self, record: Record[Endpoints, Plan], half: int) -> None:
+    def add(self, record: RivalCalls[Endpoints, Plan], half: int) -> None:
         """Add the measurements of a query in one half. Plans are the same in both halves, so only
         those of the first are kept.
         """
@@ -100,7 +100,7 @@ class WorkloadRun:
 
 
 @dataclass
-class Run:
+class Measurements:
     """All that was measured."""
 
     workloads: list[WorkloadRun]
@@ -174,7 +174,7 @@ def run(
     *,
     sensors: Sensors | None = None,
     progress: Progress = ignore,
-) -> Run:
+) -> Measurements:
     """Have every planner, exact A* first, answer every query, in both halves of the run.
 
     `cores` are those that this process is pinned to: the time that others use on them is counted.
@@ -201,7 +201,7 @@ def run(
             session.measure_arriving(on_map, queries, of, half)
             done += len(queries)
             progress(done)
-    return Run(runs, disturbance)
+    return Measurements(runs, disturbance)
 
 
 def queries_in(load: Load) -> int:

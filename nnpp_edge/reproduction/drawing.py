@@ -25,7 +25,7 @@ _CYAN = np.array([0.0, 0.9, 1.0])
 _TINT = 0.45
 
 
-class Chart(NamedTuple):
+class Panel(NamedTuple):
     """A panel of means against the map's side."""
 
     rows: Rows
@@ -37,7 +37,7 @@ class Chart(NamedTuple):
     unit: str = ""
 
 
-class Scene(NamedTuple):
+class RegionPicture(NamedTuple):
     """A picture of a map with the paper's region and paths."""
 
     title: str
@@ -56,7 +56,7 @@ def tidy(axes: "Axes", title: str, x: str = "", y: str = "") -> None:
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def by_size(charts: Sequence[Chart]) -> "Figure":
+def by_size(charts: Sequence[Panel]) -> "Figure":
     """Means against the map's side, a panel for each chart."""
     figure = new_figure(5.8 * len(charts), 5.2)
     for axes, chart in zip(figure.subplots(1, len(charts)), charts, strict=True):
@@ -111,7 +111,7 @@ def frame(at: int) -> str:
     return ("T", "T + Δt")[at] if at < 2 else f"T + {at}Δt"
 
 
-def maps(lines: Sequence[Sequence[Scene]]) -> "Figure":
+def maps(lines: Sequence[Sequence[RegionPicture]]) -> "Figure":
     """Lines of scenes, with a legend below."""
     from matplotlib.patches import Patch as Filled
 
@@ -138,7 +138,7 @@ def maps(lines: Sequence[Sequence[Scene]]) -> "Figure":
     return figure
 
 
-def _draw(axes: "Axes", scene: Scene) -> None:
+def _draw(axes: "Axes", scene: RegionPicture) -> None:
     """A map's cost in grey, the whiter the dearer, brown where impassable, cyan inside the region;
     start and goal lie above all paths.
     """

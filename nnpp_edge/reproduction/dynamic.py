@@ -11,7 +11,7 @@ from nnpp_edge.outcome import outcome
 from nnpp_edge.profiling.contest import Harness
 from nnpp_edge.profiling.suites import Case
 from nnpp_edge.reproduction import drawing, paper
-from nnpp_edge.reproduction.drawing import Scene
+from nnpp_edge.reproduction.drawing import RegionPicture
 from nnpp_edge.reproduction.episode import STRIDE, Episode, Step, make_episode
 from nnpp_edge.reproduction.experiment import Context, Result
 from nnpp_edge.reproduction.findings import (
@@ -22,7 +22,7 @@ from nnpp_edge.reproduction.findings import (
 )
 from nnpp_edge.reproduction.paper import ASTAR, ASTAR_NN, DSTAR, DSTAR_NN, DYNAMIC, STATIC
 from nnpp_edge.reproduction.planners import PLAIN, PLAIN_CONTROLS, PLAIN_NN, OneMap
-from nnpp_edge.reproduction.regions import CORRIDOR, Networks
+from nnpp_edge.reproduction.regions import CORRIDOR, NetworkPair
 from nnpp_edge.reproduction.rows import Row, Rows, seconds
 from nnpp_edge.reproduction.table import written
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -60,13 +60,13 @@ def stride_on(size: int) -> int:
     return min(STRIDE, max(STRIDE * size // 256, 1))
 
 
-def maps_of(episode: Episode, networks: Networks) -> Iterator[OneMap]:
+def maps_of(episode: Episode, networks: NetworkPair) -> Iterator[OneMap]:
     """The map and the query of each plan."""
     for at, step in enumerate(episode.steps):
         yield OneMap(episode.map_at(at), (step.start, episode.goal), networks)
 
 
-def drive(episode: Episode, networks: Networks, repeats: int) -> Rows:
+def drive(episode: Episode, networks: NetworkPair, repeats: int) -> Rows:
     """Have all of `PLANNERS` make every plan of an episode; the median of `repeats` drives counts
     for ours.
     """
@@ -130,10 +130,10 @@ def table3(context: Context, *, size: int = 256, episodes: int = 12, repeats: in
     context.progress(0.2)
     rows = drive(episode, context.networks, repeats)
     context.progress(0.6)
-    scenes = list[Scene]()
+    scenes = list[RegionPicture]()
     for here, step in zip(maps_of(episode, context.networks), episode.steps, strict=True):
         before = scenes[-1].map if scenes else None
-        scenes.append(Scene(drawing.frame(len(scenes)), here, before, step.patches))
+        scenes.append(RegionPicture(drawing.frame(len(scenes)), here, before, step.patches))
     return Result(
         rows,
         ("plan", "planner"),

@@ -9,7 +9,7 @@ import numpy as np
 from nnpp_edge.profiling.contest import Harness
 from nnpp_edge.profiling.plain_astar import build_graph, search
 from nnpp_edge.reproduction import drawing, paper
-from nnpp_edge.reproduction.drawing import Chart
+from nnpp_edge.reproduction.drawing import Panel
 from nnpp_edge.reproduction.experiment import Context, Result
 from nnpp_edge.reproduction.findings import Finding, judge
 from nnpp_edge.reproduction.planners import PLAIN
@@ -50,8 +50,8 @@ def table1(
     styles = {paper.ASTAR: "o--", PLAIN: "o-"}
     title = "Mean time of a query, the graph included"
     charts = [
-        Chart(everything, "time_s", styles, title, "seconds"),
-        Chart(everything, "graph_share", styles, "Share of the graph in the time"),
+        Panel(everything, "time_s", styles, title, "seconds"),
+        Panel(everything, "graph_share", styles, "Share of the graph in the time"),
     ]
     return Result(
         rows,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeVar
 from nnpp_edge.profiling.suites import LEAST_DISTANCE, Case, large_enough, terrain_cases
 from nnpp_edge.progress import THOUSANDTHS
 from nnpp_edge.reproduction.findings import Finding
-from nnpp_edge.reproduction.regions import Networks
+from nnpp_edge.reproduction.regions import NetworkPair
 from nnpp_edge.reproduction.rows import Row, Rows
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -33,7 +33,7 @@ class Context:
 
     terrain: Sequence[Dem]
     seed: int
-    networks: Networks
+    networks: NetworkPair
     advance: Callable[[int], None]
     """Called with the thousandths of the work that are done."""
     notes: list[str] = field(default_factory=list)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from nnpp_edge.profiling.suites import LEAST_DISTANCE, Case
 from nnpp_edge.reproduction import drawing
-from nnpp_edge.reproduction.drawing import Scene
+from nnpp_edge.reproduction.drawing import RegionPicture
 from nnpp_edge.reproduction.experiment import Context, Result
 from nnpp_edge.reproduction.findings import Finding, judge
 from nnpp_edge.reproduction.planners import OneMap
@@ -49,7 +49,7 @@ def fig14(context: Context, *, size: int = 256, goals: int = 5) -> Result:
     shown = [("goals", f"goal {n}", case.cost, end) for n, end in enumerate(ends, 1)]
     shown += [("obstacles", drawing.frame(at), cost, goal) for at, cost in enumerate(moving)]
     rows = Rows()
-    lines = defaultdict[str, list[Scene]](list)
+    lines = defaultdict[str, list[RegionPicture]](list)
     for part, name, cost, end in shown:
         here = OneMap(cost, (start, end), context.networks)
         line = lines[part]
@@ -61,7 +61,7 @@ def fig14(context: Context, *, size: int = 256, goals: int = 5) -> Result:
             common = (blocks & of_first).sum() / (blocks | of_first).sum()
             rows.append({"part": part, "scene": name, **row, "common": float(common)})
         excess = percent(found.of(NETWORK).mean("excess"), 2)
-        line.append(Scene(f"{name}: {excess} above the optimum", here))
+        line.append(RegionPicture(f"{name}: {excess} above the optimum", here))
     return Result(
         rows,
         ("part", "planner"),

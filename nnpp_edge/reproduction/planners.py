@@ -14,7 +14,7 @@ from nnpp_edge.reproduction.regions import (
     CONTROLS,
     CORRIDOR,
     NETWORK,
-    Networks,
+    NetworkPair,
     PaperRegions,
     best_path,
 )
@@ -50,7 +50,7 @@ CONTROLS_OF = {
 class OneMap:
     """A map with one query: its optimum, its regions, and rows for answers to the query."""
 
-    def __init__(self, cost: Float2D, query: Endpoints, networks: Networks) -> None:
+    def __init__(self, cost: Float2D, query: Endpoints, networks: NetworkPair) -> None:
         self.cost = cost
         self.query = query
         self.networks = networks

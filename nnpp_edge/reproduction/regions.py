@@ -36,7 +36,7 @@ SHUFFLED = "shuffled weights"
 CONTROLS = (CORRIDOR, BAND, SHUFFLED)
 
 
-class Networks(NamedTuple):
+class NetworkPair(NamedTuple):
     """The two networks of a run."""
 
     paper: NetworkModel

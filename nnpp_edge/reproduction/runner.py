@@ -22,7 +22,7 @@ from nnpp_edge.reproduction.exact import fig7, table1
 from nnpp_edge.reproduction.experiment import BOTH, Context, Experiment
 from nnpp_edge.reproduction.findings import Finding, Verdict
 from nnpp_edge.reproduction.looks import fig14
-from nnpp_edge.reproduction.regions import Networks
+from nnpp_edge.reproduction.regions import NetworkPair
 from nnpp_edge.reproduction.static import fig9, fig11, fig12, table2
 from nnpp_edge.reproduction.table import summary
 from nnpp_edge.runtime.exercises import exercise
@@ -163,7 +163,7 @@ def reproduce(
     where a file is at fault.
     """
     dems = terrain.read()
-    networks = Networks(*map(NetworkModel, models))
+    networks = NetworkPair(*map(NetworkModel, models))
     grounds = []
     for path, dem in zip(terrain.paths, dems, strict=True):
         digest = sha256(path.read_bytes()).hexdigest()[:12]

@@ -12,7 +12,7 @@ import numpy as np
 from nnpp_edge.profiling.contest import Harness
 from nnpp_edge.profiling.suites import LEAST_DISTANCE
 from nnpp_edge.reproduction import drawing, paper
-from nnpp_edge.reproduction.drawing import Chart, Scene
+from nnpp_edge.reproduction.drawing import Panel, RegionPicture
 from nnpp_edge.reproduction.experiment import Context, Result
 from nnpp_edge.reproduction.findings import (
     Finding,
@@ -171,8 +171,8 @@ def fig9(
     }
     narrow = dict.fromkeys((PLAIN_NN, "corridor", "nnpp"), "o-")
     charts = [
-        Chart(times, "time_s", styles, "Mean time of a query", "seconds"),
-        Chart(rows, "mm", narrow, "Mean MM", "path's cells / region's cells"),
+        Panel(times, "time_s", styles, "Mean time of a query", "seconds"),
+        Panel(rows, "mm", narrow, "Mean MM", "path's cells / region's cells"),
     ]
     return Result(
         rows,
@@ -304,13 +304,13 @@ def fig12(context: Context, *, size: int = 256, maps: int = 5, repeats: int = 5)
     """One query on each of five maps: drawn, and answered by all planners."""
     size = context.one_size(size)
     rows = Rows()
-    scenes = list[Scene]()
+    scenes = list[RegionPicture]()
     for here, found in contest(context, [size], maps, repeats):
         rows += found
         own = found.of(PLAIN_NN)
         title = f"map {len(scenes) + 1}: MM {own.mean('mm'):.3f},\n"
         title += f"cost {percent(own.mean('excess'), 2)} above the optimum"
-        scenes.append(Scene(title, here))
+        scenes.append(RegionPicture(title, here))
     return Result(
         rows,
         ("planner",),

@@ -6,11 +6,11 @@ from typing import NamedTuple
 from nnpp_edge.progress import MISSING, markdown_table, shown
 from nnpp_edge.reproduction import paper
 from nnpp_edge.reproduction.planners import CONTROLS_OF, PLAIN, PLAIN_NN
-from nnpp_edge.reproduction.regions import NETWORK, SHUFFLED, Networks
+from nnpp_edge.reproduction.regions import NETWORK, SHUFFLED, NetworkPair
 from nnpp_edge.reproduction.rows import Row, Rows, percent, seconds, spread, times
 
 
-class Line(NamedTuple):
+class TableLine(NamedTuple):
     """Rows that a line of the table is made from."""
 
     rows: Rows
@@ -23,7 +23,7 @@ class Line(NamedTuple):
 
 
 def summary(
-    rows: Sequence[Row], by: Sequence[str], networks: Networks, *, totals: bool = False
+    rows: Sequence[Row], by: Sequence[str], networks: NetworkPair, *, totals: bool = False
 ) -> str:
     r"""A table for people: a line for each group by these names, a column for each figure that the
     rows have.
@@ -50,7 +50,7 @@ def summary(
         every = everything.of(**place)
         planner = place.pop("planner", "")
         astar = counted.of(_astar_beside(planner), **place)
-        line = Line(group, every, astar, network_of(planner, networks))
+        line = TableLine(group, every, astar, network_of(planner, networks))
         names = [written(name, value) for name, value in zip(by, key, strict=True)]
         lines.append([*names, *(_text(line, *column) for column in columns.values())])
     return markdown_table([*by, *columns], lines)
@@ -64,7 +64,7 @@ def written(name: str, value: object) -> str:
     return {"size": "{}²", "plan": "T + {}Δt"}.get(name, "{}").format(value)
 
 
-def network_of(planner: str, networks: Networks) -> str:
+def network_of(planner: str, networks: NetworkPair) -> str:
     """The network that a planner runs."""
     if planner in (paper.ASTAR_NN, paper.DSTAR_NN):
         return "the paper's"
@@ -84,7 +84,7 @@ def _astar_beside(planner: str) -> str:
     return PLAIN if planner.startswith("plain") else "astar"
 
 
-def _text(line: Line, name: str, form: str | Callable[[Line], str]) -> str:
+def _text(line: TableLine, name: str, form: str | Callable[[TableLine], str]) -> str:
     """A figure of a line: its mean as a time or in this form, or what a function makes of it."""
     if callable(form):
         return form(line)
@@ -92,23 +92,23 @@ def _text(line: Line, name: str, form: str | Callable[[Line], str]) -> str:
     return seconds(mean) if form == "s" else shown(mean, form)
 
 
-def _over_astar(line: Line) -> str:
+def _over_astar(line: TableLine) -> str:
     return times(line.astar.mean("time_s") / line.rows.mean("time_s"))
 
 
-def _failed(line: Line) -> str:
+def _failed(line: TableLine) -> str:
     if not line.rows.all("found"):
         return MISSING
     failed = sum("cc" not in row for row in line.every)
     return f"{failed} of {len(line.every)}"
 
 
-def _mended(line: Line) -> str:
+def _mended(line: TableLine) -> str:
     later = Rows(row for row in line.every if row.get("plan")).all("mended")
     return f"{sum(later):.0f} of {len(later)}" if later else MISSING
 
 
-MEANS: dict[str, tuple[str, str | Callable[[Line], str]]] = {
+MEANS: dict[str, tuple[str, str | Callable[[TableLine], str]]] = {
     "network": ("planner", lambda line: line.network),
     "AT": ("time_s", "s"),
     "over A*": ("time_s", _over_astar),

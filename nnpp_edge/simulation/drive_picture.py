@@ -11,9 +11,9 @@ from nnpp_edge.runtime.arrays import Float2D, Floats
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.messages import PathMessage
 from nnpp_edge.runtime.map.along import Line
-from nnpp_edge.simulation.robots import Robot
+from nnpp_edge.simulation.robots import SimulatedRobot
 from nnpp_edge.simulation.scene import Scene, SurveyedGround
-from nnpp_edge.simulation.simulate import Drive
+from nnpp_edge.simulation.simulate import DriveOutcome
 from nnpp_edge.terrain.obstacles import covered
 from nnpp_edge.viz.palette import BODY, DRIVEN, GOAL, INK, OPTIMUM, PAPER, PATH, SEEN, START
 from nnpp_edge.viz.picture import SHUT_GROUND, Chart, Drawn, body_outlines
@@ -38,7 +38,7 @@ def check_name(path: Path) -> None:
         import PIL  # noqa: F401
 
 
-def drive_picture(ground: SurveyedGround, drive: Drive) -> Picture:
+def drive_picture(ground: SurveyedGround, drive: DriveOutcome) -> Picture:
     """Draw the true ground, the way driven, and the optimum for a robot that knew everything.
 
     Of a body the outline is drawn along the way; the cost of a cell is that of its best heading
@@ -136,7 +136,7 @@ def _frame(scene: Scene, message: PathMessage) -> Picture:
     )
 
 
-def _bodies(robot: Robot, path: Line, headings_deg: Line | None = None) -> list[Floats]:
+def _bodies(robot: SimulatedRobot, path: Line, headings_deg: Line | None = None) -> list[Floats]:
     """As `body_outlines`; none of a point."""
     if robot.vehicle is None:
         return []

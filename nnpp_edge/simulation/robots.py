@@ -28,7 +28,7 @@ _SPIKE = 100.0
 _LIMITS = ("clearance_m", "max_tilt_deg", "max_pitch_deg", "max_roll_deg", "max_step_m")
 
 
-class Robot:
+class SimulatedRobot:
     """A robot on costs, or on heights where it has a body or its steps cost by the slope.
 
     `values` is always a map (H, W) float32 of the kind that its ground holds. The scene moves

@@ -18,7 +18,7 @@ from nnpp_edge.runtime.loop.messages import Input
 from nnpp_edge.runtime.options import StepOptions
 from nnpp_edge.runtime.robots.body.arcs import Arc, Drive, PoseOf, drive_along
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
-from nnpp_edge.simulation.robots import Robot
+from nnpp_edge.simulation.robots import SimulatedRobot
 from nnpp_edge.terrain.obstacles import CLEAR, Obstacles
 
 _CORRECTS_WITHIN = 0.5
@@ -73,9 +73,9 @@ class SurveyedGround:
         return cls(ground, unseen, ground.by_blocks(factor, prior), ground.elevation)
 
     @cached_property
-    def robot(self) -> Robot:
+    def robot(self) -> SimulatedRobot:
         """The robot that drives on it."""
-        return Robot(self.ground, self.known)
+        return SimulatedRobot(self.ground, self.known)
 
     @property
     def true(self) -> Float2D:
@@ -358,7 +358,7 @@ def _beside(pose: PoseOf, place: Floats) -> tuple[float, float, float]:
     return ahead, left, turned
 
 
-def walkable(robot: Robot, path: Cells, values: Float2D, goal: Cell | None) -> bool:
+def walkable(robot: SimulatedRobot, path: Cells, values: Float2D, goal: Cell | None) -> bool:
     """Whether a path leads to the goal over a map, by steps or a body's legs, and the robot can
     take it.
     """

@@ -44,7 +44,7 @@ _LEAST_DISTANCE = 0.6
 
 
 @dataclass(frozen=True, eq=False)
-class Drive:
+class DriveOutcome:
     """Outcome of a drive; of an endless one ways, costs and `reached` are those to the
     last goal.
     """
@@ -125,7 +125,7 @@ def simulate(
     *,
     make_sinks: Callable[[MapState], Sequence[Sink]] = lambda state: (),
     watch: Callable[[Scene, PathMessage], None] | None = None,
-) -> Drive:
+) -> DriveOutcome:
     """Drive from start to goal over ground whose truth decides, and whose survey is the robot's
     first map.
 
@@ -217,7 +217,7 @@ class _Course:
             self._best = self._optimum()
         return False
 
-    def drive(self, counters: Counters) -> Drive:
+    def drive(self, counters: Counters) -> DriveOutcome:
         """The drive so far, as it is told to users."""
         scene = self._scene
         driven = np.array(scene.driven)
@@ -225,7 +225,7 @@ class _Course:
         if not self._settings.steering_noise_deg:
             driven = driven.astype(np.int32)
             driven_cost = self._planner.state.grid.costs_of(driven)[0]
-        return Drive(
+        return DriveOutcome(
             self._settings.method,
             (round(driven[0, 0]), round(driven[0, 1])),
             scene.goal,

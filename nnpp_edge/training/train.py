@@ -88,7 +88,7 @@ def train(
         validator = KnownValidator(validation)
     elif processes.first and isinstance(validation, Samples):
         validator = Validator(validation, spec, omega)
-    run = Run(spec, settings, processes)
+    run = TrainingProcess(spec, settings, processes)
     run.begin(last, begin_with)
     progress = run.progress
     data = _Data(training, run)
@@ -143,7 +143,7 @@ def train(
 class _Data:
     """The training's batches, and the set that they may grow from."""
 
-    def __init__(self, training: Queries | GrowingSet, run: "Run") -> None:
+    def __init__(self, training: Queries | GrowingSet, run: "TrainingProcess") -> None:
         self._run = run
         self._set = training if isinstance(training, GrowingSet) else None
         processes = run.processes
@@ -248,7 +248,7 @@ class Processes:
             distributed.destroy_process_group()
 
 
-class Run:
+class TrainingProcess:
     """One process's part of a training run: the network, its running mean, the optimiser and the
     progress.
     """

@@ -15,7 +15,7 @@ from nnpp_edge.runtime.loop.messages import (
     PathMessage,
     Pose,
 )
-from nnpp_edge.runtime.loop.workers import Queue, WhenFull
+from nnpp_edge.runtime.loop.workers import BoundedQueue, WhenFull
 
 
 class InputSource(Protocol):
@@ -87,7 +87,7 @@ class Mailbox:
 
     def __init__(self, most: int = 256, cells_as_one: int = 1 << 16) -> None:
         self._newest: dict[type, Pose | Goal] = {}
-        self._patches = Queue[MapPatch](
+        self._patches = BoundedQueue[MapPatch](
             most, lambda patch: 1 + patch.shape[0] * patch.shape[1] // cells_as_one
         )
         self.close = self._patches.close

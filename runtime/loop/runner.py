@@ -16,7 +16,7 @@ from nnpp_edge.runtime.loop.connections import InputSource, Sink
 from nnpp_edge.runtime.loop.messages import Counters, Input, Output, PathMessage, StatusMessage
 from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.loop.timing import Histogram, Ticker, realtime, signal_handlers
-from nnpp_edge.runtime.loop.workers import Guard, Queue, WhenFull, Worker
+from nnpp_edge.runtime.loop.workers import BoundedQueue, Guard, WhenFull, Worker
 from nnpp_edge.runtime.memory import rss_bytes
 
 _SHARE_FOR_INPUTS = 0.5
@@ -92,7 +92,7 @@ class Loop:
         self._sinks: list[tuple[Sink, Worker[Output]]] = []
         self._when_full: WhenFull = "drop oldest" if paced else "wait"
         for sink in sinks:
-            waiting = Queue[Output](queue, patient=self._is_patient)
+            waiting = BoundedQueue[Output](queue, patient=self._is_patient)
             guard = Guard(f"the sink {sink.name}", f"sink {sink.name}", count_error)
             self._sinks.append((sink, Worker(sink.publish, waiting, guard)))
         self._status_every_s = status_every_s

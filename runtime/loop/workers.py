@@ -65,7 +65,7 @@ class Guard:
         return False
 
 
-class Queue(Generic[T]):
+class BoundedQueue(Generic[T]):
     """Items that wait, of at most so much size in all; a single one may have any. For any thread.
 
     While `patient` says so, `put` with "wait" waits for room.
@@ -136,7 +136,7 @@ class Queue(Generic[T]):
 class Worker(Generic[T]):
     """A thread that hands each item of a queue to `use`, in order, within a guard."""
 
-    def __init__(self, use: Callable[[T], object], queue: Queue[T], guard: Guard) -> None:
+    def __init__(self, use: Callable[[T], object], queue: BoundedQueue[T], guard: Guard) -> None:
         self._use = use
         self.queue = queue
         self._guard = guard

@@ -57,7 +57,7 @@ def refines(name: str, grid: Grid) -> bool:
     return True
 
 
-class Line(NamedTuple):
+class PricedLine(NamedTuple):
     """Way points, and the line integral along them."""
 
     points: Floats
@@ -108,12 +108,12 @@ class Refiner:
 
     def line_along(
         self, path: Cells, radius: float = 0.0, deadline: Deadline = NEVER
-    ) -> Line | None:
+    ) -> PricedLine | None:
         """A line near a path of cells that costs no more, with no turn sharper than `radius` cells;
         None without.
         """
         if len(path) < 2:
-            return Line(path.astype(np.float64), 0.0)
+            return PricedLine(path.astype(np.float64), 0.0)
         for coarser in _COARSER if radius else (1.0,):
             line = self._freed(path, WAY_POINT_SAVES * coarser, deadline)
             if not radius or self._turns(line.points, radius):
@@ -123,7 +123,7 @@ class Refiner:
                 if rounded is None or not self._turns(rounded, radius):
                     continue
                 if (cost := self.cost(rounded)) < math.inf:
-                    return Line(rounded, cost)
+                    return PricedLine(rounded, cost)
         return None
 
     def cost(self, points: Floats) -> float:
@@ -137,12 +137,12 @@ class Refiner:
         scale = np.array(self._sides_m) / min(self._sides_m)
         return bool((curvatures(points * scale) * radius <= 1.0).all())
 
-    def _freed(self, path: Cells, saves: float, deadline: Deadline) -> Line:
+    def _freed(self, path: Cells, saves: float, deadline: Deadline) -> PricedLine:
         """The cheaper of what is found and the path itself."""
         own = corners(path)
-        on_grid = Line(own, self.cost(own))
+        on_grid = PricedLine(own, self.cost(own))
         for first in range(_FAR_STAGES + 1):  # where far moves lead astray, nearer ones may not
-            line = Line(
+            line = PricedLine(
                 *freed(self._grid.packed, self._room, path, ANY_ANGLE[first:], saves, deadline.at)
             )
             if line.cost < on_grid.cost:

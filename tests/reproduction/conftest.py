@@ -2,7 +2,7 @@
 
 import pytest
 
-from nnpp_edge.reproduction.regions import Networks
+from nnpp_edge.reproduction.regions import NetworkPair
 from nnpp_edge.runtime import NetworkModel
 
 
@@ -10,4 +10,4 @@ from nnpp_edge.runtime import NetworkModel
 def tiny_networks(tiny_model):
     """The tiny network in both roles."""
     model = NetworkModel(tiny_model)
-    return Networks(model, model)
+    return NetworkPair(model, model)

@@ -22,7 +22,7 @@ pytest.importorskip("rclpy")
 
 from nav_msgs.srv import GetPlan
 
-from nnpp_edge.robot.ros2.frames import Place
+from nnpp_edge.robot.ros2.frames import PoseInFrame
 from nnpp_edge.robot.ros2.questions import Questions
 from nnpp_edge.robot.ros2.session import Session
 from nnpp_edge.ros.maps import GridMap, MapFrame
@@ -544,9 +544,9 @@ def test_the_newest_pose_is_read_between_patches_and_none_while_one_is_too_old(s
         session.put(MapPatch(0, 0, cost=np.ones((1, 1))))
     inputs = session.poll()
     found = [type(next(inputs))]
-    node.listener.robot = Place(0.5, 0.25, 0.0)
+    node.listener.robot = PoseInFrame(0.5, 0.25, 0.0)
     found += [type(next(inputs)), type(next(inputs))]
-    node.listener.robot = Place(0.5, 0.5, 0.0)
+    node.listener.robot = PoseInFrame(0.5, 0.5, 0.0)
     node.listener.overdue.return_value = "the newest map is 3 s old"
     assert [*found, *map(type, inputs)] == [MapPatch, Pose, MapPatch, MapPatch]
     for why, kinds in (("", [Pose]), ("the newest map is 3 s old", []), ("", [Pose])):
@@ -578,10 +578,10 @@ def test_a_planner_for_a_plan_that_is_asked_for_is_not_made_in_the_loops_thread(
     node = MagicMock()
     node.own.global_frame = "map"
     node.outlet.now_ns = 0
-    node.listener.robot = Place(1.0, 1.0, 0.0)
+    node.listener.robot = PoseInFrame(1.0, 1.0, 0.0)
     session = MagicMock(navigator=navigator, frame=MapFrame(0.25, frame_id="map"))
     questions = Questions(node)
-    node.frames.place.return_value = Place(14.0, 1.0, 0.0)
+    node.frames.place.return_value = PoseInFrame(14.0, 1.0, 0.0)
     answer = node.create_service.call_args.args[2]
     asked = answer(GetPlan.Request(), GetPlan.Response())
     with pytest.raises(StopIteration) as answered:

@@ -339,7 +339,9 @@ def test_a_transport_is_added_by_a_class_and_an_entry(recording, monkeypatch):
         def close(self):
             done.append(self.path.tick)
 
-    entry = transports.Entry("output", "kept:WHERE", "the memory of a test", "of_test:Kept")
+    entry = transports.TransportEntry(
+        "output", "kept:WHERE", "the memory of a test", "of_test:Kept"
+    )
     of_test = SimpleNamespace(Kept=Kept)
     monkeypatch.setitem(sys.modules, "nnpp_edge.robot.transports.of_test", of_test)
     monkeypatch.setattr(transports, "TRANSPORTS", (*transports.TRANSPORTS, entry))

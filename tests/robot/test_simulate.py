@@ -22,7 +22,7 @@ from nnpp_edge.runtime import (
 )
 from nnpp_edge.runtime.cells import slices
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
-from nnpp_edge.simulation.robots import Robot
+from nnpp_edge.simulation.robots import SimulatedRobot
 from nnpp_edge.simulation.scene import Scene, SimulationSettings, SurveyedGround, walkable
 from nnpp_edge.simulation.simulate import random_drive, simulate
 from nnpp_edge.terrain.obstacles import Obstacles
@@ -181,7 +181,7 @@ def test_what_can_be_walked_is_checked_by_the_definition(path, how):
     cost[4, 2] = np.nan
     cost[4, 1] = 1.0
     cells = np.array(path.split(), np.int32).reshape(-1, 2)
-    assert walkable(Robot(Ground(cost)), cells, cost, (3, 2)) == (how == "fits")
+    assert walkable(SimulatedRobot(Ground(cost)), cells, cost, (3, 2)) == (how == "fits")
 
 
 # --- the drive

@@ -10,7 +10,7 @@ halved 0.12 and 0.54.
 import numpy as np
 import pytest
 
-from nnpp_edge.benchmarks.unseen import Site
+from nnpp_edge.benchmarks.unseen import BlockGround
 from nnpp_edge.reproduction.regions import shuffled
 from nnpp_edge.runtime import Ground
 from nnpp_edge.runtime.network.model_file import model_path
@@ -30,7 +30,7 @@ FAULTS = {
 def test_prices_are_near_the_truth_and_no_fault_is_as_near(name, most):
     dem = sample_dem("moon_highlands").rescaled(20.0)
     ground = Ground.of_elevation(dem.elevation, dem.cell_size_m, workload(name))
-    site = Site(ground, factor=8)
+    site = BlockGround(ground, factor=8)
     truth = site.truth()
     prices = site.prices("network")
 

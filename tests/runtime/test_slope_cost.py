@@ -14,7 +14,7 @@ from nnpp_edge.runtime.robots.slope.cost import (
     TimeCost,
     ToblerCost,
 )
-from nnpp_edge.runtime.robots.slope.directed import SlopePrice
+from nnpp_edge.runtime.robots.slope.directed import DirectedPrice
 from nnpp_edge.runtime.terrain.step_cost import StepModel
 
 TABLE = TimeCost((-20.0, -5.0, 0.0, 12.0), (0.3, 0.9, 0.8, 0.2))
@@ -169,7 +169,7 @@ def test_steps_cost_what_ways_do_near_the_function_and_no_metre_is_cheaper_than_
         StepModel.of("paper"),
         weights=np.zeros((len(dem) + 2) * (len(dem[0]) + 2), np.float32),
     )
-    steps = SlopePrice(dem, sides, model, grid).padded[1:-1, 1:-1]
+    steps = DirectedPrice(dem, sides, model, grid).padded[1:-1, 1:-1]
     rated = model.ground(dem, sides)
     ground = rated.astype(np.float64) if rated.size else np.ones(dem.shape)
     for k, (up, left) in enumerate(zip(ROW_STEP, COL_STEP, strict=True)):

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from nnpp_edge.robot.ros2 import Ros
-from nnpp_edge.robot.ros2.frames import Place
+from nnpp_edge.robot.ros2.frames import PoseInFrame
 from nnpp_edge.robot.ros2.inputs import message_type
 from nnpp_edge.ros.maps import MapFrame, arc_poses
 from nnpp_edge.ros.messages import grid_message, path_message, whole_numbers_message
@@ -31,7 +31,7 @@ _LINE_M = 0.05
 """Width of a footprint's outline."""
 
 
-def poses_of(answer: PathMessage | Plan, frame: MapFrame, goal: Place | None) -> Floats:
+def poses_of(answer: PathMessage | Plan, frame: MapFrame, goal: PoseInFrame | None) -> Floats:
     """(N, 4) poses of an answer as `arc_poses` has them; of one that ends at the goal, but of a
     body that drives arcs, the last has the goal's yaw.
     """

@@ -14,7 +14,7 @@ _UNIT = 0.1
 """By how much a quaternion's length may differ from 1."""
 
 
-class Place(NamedTuple):
+class PoseInFrame(NamedTuple):
     """A pose on the ground, in the frame that the loop plans in."""
 
     x: float
@@ -37,7 +37,7 @@ class Frames:
         self._buffer = tf2_ros.Buffer()
         self._listener = tf2_ros.TransformListener(self._buffer, node)
 
-    def place(self, pose: Ros, frame_id: str, what: str) -> Place:
+    def place(self, pose: Ros, frame_id: str, what: str) -> PoseInFrame:
         """Of a geometry_msgs/Pose, called `what` in errors: InvalidMessageError for numbers that
         are not finite, no rotation, or a frame of which nothing is known.
         """
@@ -56,7 +56,7 @@ class Frames:
         return _place(self._transformed(pose, transform), what)
 
 
-def _place(pose: Ros, what: str) -> Place:
+def _place(pose: Ros, what: str) -> PoseInFrame:
     at = pose.position
     turn = pose.orientation
     if not math.isfinite(at.x + at.y):
@@ -66,4 +66,4 @@ def _place(pose: Ros, what: str) -> Place:
         raise InvalidMessageError(f"wanted {what} with a unit quaternion, got {(x, y, z, w)}")
     sin = 2.0 * (w * z + x * y)
     cos = 1.0 - 2.0 * (y * y + z * z)
-    return Place(at.x, at.y, math.atan2(sin, cos))
+    return PoseInFrame(at.x, at.y, math.atan2(sin, cos))

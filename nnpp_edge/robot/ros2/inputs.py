@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from nnpp_edge.robot.ros2 import Ros, in_a_line
-from nnpp_edge.robot.ros2.frames import Place
+from nnpp_edge.robot.ros2.frames import PoseInFrame
 from nnpp_edge.ros.maps import (
     GridMap,
     MapFrame,
@@ -63,8 +63,8 @@ class Listener:
         """Why the newest message was refused, by topic; of those whose newest one was."""
         self._grid: OccupancyGrid | None = None
         """The newest whole one, which updates are parts of."""
-        self.robot: Place | None = None
-        self.goal: Place | None = None
+        self.robot: PoseInFrame | None = None
+        self.goal: PoseInFrame | None = None
         """The newest."""
         self._came = dict.fromkeys(("pose", "map"), time.monotonic())
         """When the newest one came."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from nnpp_edge.robot.ros2 import Ros
 from nnpp_edge.robot.ros2.answers import poses_of
-from nnpp_edge.robot.ros2.frames import Place
+from nnpp_edge.robot.ros2.frames import PoseInFrame
 from nnpp_edge.robot.ros2.inputs import message_type
 from nnpp_edge.ros.maps import MapFrame
 from nnpp_edge.ros.messages import path_message
@@ -192,10 +192,10 @@ class Questions:
         stops = [begin, *(self._place(goal, "a goal") for goal in goals)]
         return self._planned(stops, tolerance_m)
 
-    def _place(self, stamped: Ros, what: str) -> Place:
+    def _place(self, stamped: Ros, what: str) -> PoseInFrame:
         return self._node.frames.place(stamped.pose, stamped.header.frame_id, what)
 
-    def _planned(self, stops: Sequence[Place], tolerance_m: float) -> _Given:
+    def _planned(self, stops: Sequence[PoseInFrame], tolerance_m: float) -> _Given:
         """Legs from place to place, on a copy of the loop's planner; with a tolerance each leads to
         the nearest cell that can be reached, if that is so near.
         """

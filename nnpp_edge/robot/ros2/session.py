@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from nnpp_edge.robot.ros2 import in_a_line
 from nnpp_edge.robot.ros2.answers import poses_of
-from nnpp_edge.robot.ros2.frames import Place
+from nnpp_edge.robot.ros2.frames import PoseInFrame
 from nnpp_edge.robot.transports.mcap_log import is_rest
 from nnpp_edge.ros.maps import MapFrame, OccupancyGrid
 from nnpp_edge.runtime.arrays import Cells
@@ -54,10 +54,10 @@ class Session:
         self._listener = node.listener
         self._outlet = node.outlet
         self._patches = Mailbox()
-        self._robot: Place | None = None
-        self._goal: Place | None = None
+        self._robot: PoseInFrame | None = None
+        self._goal: PoseInFrame | None = None
         """That the loop has."""
-        self._newest: tuple[Place | None, PathMessage | None] = (None, None)
+        self._newest: tuple[PoseInFrame | None, PathMessage | None] = (None, None)
         """The goal of the newest answer, and that."""
         self._trouble = ""
         """Which input is too old to go by."""
@@ -95,7 +95,7 @@ class Session:
         for _ in range(self._patches.put(patch, when_full="drop oldest")):
             self.navigator.count_error("input dropped")
 
-    def answer_to(self, goal: Place) -> PathMessage | None:
+    def answer_to(self, goal: PoseInFrame) -> PathMessage | None:
         """The newest answer, if it is one to this goal."""
         asked, answer = self._newest
         return answer if asked is goal else None

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from nnpp_edge.runtime.loop.connections import Transport
 
 
-class Entry(NamedTuple):
+class TransportEntry(NamedTuple):
     """A transport as `nnpp-edge run` offers it."""
 
     option: str
@@ -52,24 +52,24 @@ class Entry(NamedTuple):
 
 
 TRANSPORTS = (
-    Entry("input", "stdin", "lines of JSON on standard input", "stdio:StdioSource"),
-    Entry("input", "replay:FILE", "a recording", "recording:ReplaySource"),
-    Entry("input", "zenoh[:ENDPOINT]", "topics of Zenoh", "zenoh_io:ZenohSource"),
-    Entry("output", "stdout", "lines of JSON on standard output", "stdio:StdioSink"),
-    Entry("output", "zenoh[:ENDPOINT]", "topics of Zenoh", "zenoh_io:ZenohSink"),
-    Entry(
+    TransportEntry("input", "stdin", "lines of JSON on standard input", "stdio:StdioSource"),
+    TransportEntry("input", "replay:FILE", "a recording", "recording:ReplaySource"),
+    TransportEntry("input", "zenoh[:ENDPOINT]", "topics of Zenoh", "zenoh_io:ZenohSource"),
+    TransportEntry("output", "stdout", "lines of JSON on standard output", "stdio:StdioSink"),
+    TransportEntry("output", "zenoh[:ENDPOINT]", "topics of Zenoh", "zenoh_io:ZenohSink"),
+    TransportEntry(
         "record",
         "--record FILE",
         "Write the inputs to this file, for replay; one that is there stays, and -2 is added.",
         "recording:RecordingFile",
     ),
-    Entry(
+    TransportEntry(
         "log",
         "--log FILE",
         "Write inputs and answers to this .mcap file, likewise.",
         "mcap_log:McapLog",
     ),
-    Entry(
+    TransportEntry(
         "view",
         "--view WHERE",
         "Map and path in rerun: 'here' starts a viewer, rerun+http://HOST:9876/proxy is one, "
@@ -79,12 +79,12 @@ TRANSPORTS = (
 )
 
 
-def entries(option: str) -> list[Entry]:
+def entries(option: str) -> list[TransportEntry]:
     """The transports that an option opens."""
     return [entry for entry in TRANSPORTS if entry.option == option]
 
 
-def find(option: str, words: str) -> tuple[Entry, str]:
+def find(option: str, words: str) -> tuple[TransportEntry, str]:
     """The transport that ``NAME:PLACE`` names, and the place; InvalidQueryError lists the names."""
     name, _, place = words.partition(":")
     for entry in entries(option):

@@ -33,7 +33,7 @@ from nnpp_edge.runtime.errors import InvalidQueryError, OutputError
 from nnpp_edge.runtime.loop.connections import InputSource, Recorder
 from nnpp_edge.runtime.loop.ladder import one_line
 from nnpp_edge.runtime.loop.messages import Input, MapPatch
-from nnpp_edge.runtime.loop.workers import CountError, Guard, Queue, WhenFull, Worker
+from nnpp_edge.runtime.loop.workers import BoundedQueue, CountError, Guard, WhenFull, Worker
 from nnpp_edge.runtime.reading import refused_as
 
 _LOG = logging.getLogger(__name__)
@@ -220,7 +220,7 @@ class RecordedSource:
         self._workers = []
         for recorder in recorders:
             guard = Guard("recording an input", "record", count_error)
-            worker = Worker(partial(_record, recorder), Queue(_MOST_WAITING, _size), guard)
+            worker = Worker(partial(_record, recorder), BoundedQueue(_MOST_WAITING, _size), guard)
             self._workers.append(worker)
             worker.start()
 

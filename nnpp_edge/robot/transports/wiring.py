@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import click
 
-from nnpp_edge.robot.transports import TRANSPORTS, Entry, entries, find
+from nnpp_edge.robot.transports import TRANSPORTS, TransportEntry, entries, find
 from nnpp_edge.runtime.errors import InvalidQueryError
 
 if TYPE_CHECKING:
@@ -77,12 +77,12 @@ class Wiring:
             raise InvalidQueryError(f"input and output must name one endpoint, got {named}")
 
     @property
-    def source(self) -> tuple[Entry, str]:
+    def source(self) -> tuple[TransportEntry, str]:
         """The transport that inputs come by, and its place."""
         return find("input", self.input)
 
     @property
-    def sinks(self) -> list[tuple[Entry, str]]:
+    def sinks(self) -> list[tuple[TransportEntry, str]]:
         """The transports that answers go by, without those that only watch."""
         if self.outputs:
             return [find("output", words) for words in self.outputs if words != NONE]
@@ -90,7 +90,7 @@ class Wiring:
         return [(back[0], "") if back else find("output", STDOUT)]
 
     @property
-    def watchers(self) -> list[tuple[Entry, str]]:
+    def watchers(self) -> list[tuple[TransportEntry, str]]:
         """The transports that have an option of their own, where it is given."""
         found = []
         for option in ("record", "log", "view"):

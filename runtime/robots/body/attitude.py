@@ -144,7 +144,7 @@ def _standing(poses: Poses, places: Floats) -> Floats:
     angles = np.radians(places[:, 2])
     offsets = places[:, :2] - cells
     numbers = np.column_stack((offsets, -np.cos(angles), np.sin(angles)))
-    alone = [[motions.Pose(*each)] for each in numbers.tolist()]
+    alone = [[motions.MotionPose(*each)] for each in numbers.tolist()]
     tables = motions.motions_of(poses.vehicle, poses.sides_m, alone)
     found = [
         poses.figures((row, col), n, tables)[0, :5]

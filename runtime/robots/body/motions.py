@@ -39,7 +39,7 @@ read faster than means of four."""
 _ROUNDING = 1e-9
 
 
-class Pose(NamedTuple):
+class MotionPose(NamedTuple):
     """A pose of a motion, and what it stands for."""
 
     row: float
@@ -52,7 +52,7 @@ class Pose(NamedTuple):
     turn_rad: float = 0.0
 
 
-def leg_poses(direction: int, sides_m: tuple[float, float], length_m: float) -> list[Pose]:
+def leg_poses(direction: int, sides_m: tuple[float, float], length_m: float) -> list[MotionPose]:
     """Of a leg from a cell along an axis, or its reverse, of a body of this length."""
     row, col = LEGS[direction]
     down = row * sides_m[0]
@@ -62,7 +62,7 @@ def leg_poses(direction: int, sides_m: tuple[float, float], length_m: float) -> 
     shares = ((2 * k + 1) / (2 * count) for k in range(count))
     sweep_m = metres / (2 * count)
     heading = (down / metres, right / metres)
-    return [Pose(share * row, share * col, *heading, sweep_m) for share in shares]
+    return [MotionPose(share * row, share * col, *heading, sweep_m) for share in shares]
 
 
 def _poses_in(metres: float, sides_m: tuple[float, float], length_m: float) -> int:
@@ -71,17 +71,17 @@ def _poses_in(metres: float, sides_m: tuple[float, float], length_m: float) -> i
     return math.ceil(metres / (share * length_m))
 
 
-def turn_poses(direction: int, sides_m: tuple[float, float]) -> list[Pose]:
+def turn_poses(direction: int, sides_m: tuple[float, float]) -> list[MotionPose]:
     """Of a turn on the spot from one direction to the next."""
     first = heading_rad(direction, sides_m)
     half = turn_rad(direction, sides_m) / (2 * TURN_POSES)
     middles = (first + (2 * k + 1) * half for k in range(TURN_POSES))
-    return [Pose(0.0, 0.0, math.cos(at), math.sin(at), 0.0, half) for at in middles]
+    return [MotionPose(0.0, 0.0, math.cos(at), math.sin(at), 0.0, half) for at in middles]
 
 
 def arc_poses(
     direction: int, sides_m: tuple[float, float], radius_m: float, length_m: float
-) -> list[Pose]:
+) -> list[MotionPose]:
     """Of an arc from a direction to the next, of a body of this length."""
     first = heading_rad(direction, sides_m)
     down = math.cos(first)
@@ -97,7 +97,7 @@ def arc_poses(
         col = (right * ahead + down * left) / sides_m[1]
         heading = (math.cos(first + turned), math.sin(first + turned))
         bent = bend.before_m < at + half and at - half < bend.length_m - bend.after_m
-        poses.append(Pose(row, col, *heading, half, half / bend.radius_m if bent else 0.0))
+        poses.append(MotionPose(row, col, *heading, half, half / bend.radius_m if bent else 0.0))
     return poses
 
 
@@ -113,12 +113,12 @@ def all_motions(vehicle: Vehicle, sides_m: tuple[float, float]) -> PoseTables:
     if (radius := vehicle.turning_radius_m) is not None:
         arcs = [arc_poses(k, sides_m, radius, vehicle.length_m) for k in range(len(LEGS))]
     angles = [heading_rad(k, sides_m) for k in axes]
-    standing = [[Pose(0.0, 0.0, math.cos(angle), math.sin(angle))] for angle in angles]
+    standing = [[MotionPose(0.0, 0.0, math.cos(angle), math.sin(angle))] for angle in angles]
     return motions_of(vehicle, sides_m, legs + turns + arcs + standing)
 
 
 def motions_of(
-    vehicle: Vehicle, sides_m: tuple[float, float], motions: list[list[Pose]]
+    vehicle: Vehicle, sides_m: tuple[float, float], motions: list[list[MotionPose]]
 ) -> PoseTables:
     """Tables of motions of a vehicle on cells of these sides, whose `offsets` and `fit_offsets` are
     still (row, col) from the motion's cell, see `by_offsets`.
@@ -149,7 +149,7 @@ def motions_of(
     for middle, half in (*((wheel, contact) for wheel in wheels), (np.zeros(2), body)):
         areas = half + swept(np.abs(middle) + half)
         under.append(_samples(middle, areas, headings, offsets, sides_m, snapped))
-    groups: list[Samples] = []
+    groups: list[GroundSamples] = []
     groups_of = [0]
     raised: list[list[int]] = []
     for *under_wheels, belly in zip(*under, strict=True):
@@ -203,7 +203,7 @@ def by_offsets(tables: PoseTables, width: int) -> PoseTables:
     return tables._replace(offsets=offsets, fit_offsets=tables.fit_offsets @ place)
 
 
-class Samples(NamedTuple):
+class GroundSamples(NamedTuple):
     """Samples of the ground under a rectangle."""
 
     places: Floats
@@ -213,10 +213,10 @@ class Samples(NamedTuple):
     cells: Floats
     """(C, 3) row and column from the motion's cell, and share, of each sample's cells."""
 
-    def of(self, chosen: Bool) -> "Samples":
+    def of(self, chosen: Bool) -> "GroundSamples":
         """Some of them."""
         cells = self.cells[np.repeat(chosen, self.counts)]
-        return Samples(self.places[chosen], self.counts[chosen], cells)
+        return GroundSamples(self.places[chosen], self.counts[chosen], cells)
 
 
 def _fit_cells(
@@ -245,7 +245,7 @@ def _samples(
     offsets: Floats,
     sides: tuple[float, float],
     snapped: float,
-) -> list[Samples]:
+) -> list[GroundSamples]:
     """Samples of rectangles about the same `middle` (ahead, left) of bodies with headings (N, 2) at
     offsets (N, 2).
 
@@ -263,7 +263,7 @@ def _samples(
     for n, frame in enumerate(frames):
         points = _corners_of(columns[n], rows[n], near)
         metres = (points - offsets[n]) * sides
-        found.append(Samples(metres @ frame.T, *_cells_of(points)))
+        found.append(GroundSamples(metres @ frame.T, *_cells_of(points)))
     return found
 
 

@@ -237,7 +237,7 @@ class Poses:
         walk = walk_primitives if path.shape[1] == 3 else walk_states
         return int(walk(self.packed, edges, tuple(prices or self.prices), path, first, costs))
 
-    def steps(self, path: Cells) -> "Steps":
+    def steps(self, path: Cells) -> "PathMotions":
         """The motions along a path: legs between its cells (N, 2), or primitives between its states
         (N, 3).
         """
@@ -265,7 +265,7 @@ class Poses:
             at_path = motion
         cells = path[:, :2]
         begins = np.where(there[:, None], cells[1:], cells[:-1])
-        return Steps(begins, motion, there, heading, heading != at_path, lengths)
+        return PathMotions(begins, motion, there, heading, heading != at_path, lengths)
 
     def cost_along(self, path: Cells) -> tuple[Floats, Floats]:
         """(N - 1,) lengths of the motions along a path, in cells, and their T; all of them have
@@ -277,7 +277,7 @@ class Poses:
         return steps.lengths, _rated(codes, np.float64)
 
 
-class Steps(NamedTuple):
+class PathMotions(NamedTuple):
     """The motions along a path of N places, (N - 1,) each."""
 
     cells: Int32

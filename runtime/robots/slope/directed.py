@@ -90,7 +90,7 @@ class CoarseSlopePrice(Price):
         join_steps(self.means, (top, top + tall, left, left + wide), edges, backwards)
 
 
-class SlopePrice(Price):
+class DirectedPrice(Price):
     """Costs of the steps of a map of heights.
 
     `heights` (H, W) float32 in metres, C-contiguous and not finite where unknown, are kept: whoever
@@ -256,4 +256,4 @@ class SlopePrice(Price):
 
 def by_slope(grid: "Grid", heights: Edges, sides_m: tuple[float, float], model: SlopeCost) -> Robot:
     """The robot of a grid, with steps that cost by the slope."""
-    return grid.robot._replace(price=SlopePrice(heights, sides_m, model, grid))
+    return grid.robot._replace(price=DirectedPrice(heights, sides_m, model, grid))
