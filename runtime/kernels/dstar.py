@@ -12,7 +12,7 @@ direction costs, else None.
 
 from numpy import float64, inf, int64, uint64
 
-from nnpp_edge.runtime.compiled.kernel import helper, inlined, kernel
+from nnpp_edge.runtime.compiled.kernel import inlined, kernel
 from nnpp_edge.runtime.kernels.by_address import borrowed
 from nnpp_edge.runtime.kernels.clock import late
 from nnpp_edge.runtime.kernels.nodes import (
@@ -31,7 +31,14 @@ from nnpp_edge.runtime.kernels.nodes import (
     row_steps,
     step_cost,
 )
-from nnpp_edge.runtime.kernels.records import Area, DStar, Grid, Region, StepTerms, Tiles
+from nnpp_edge.runtime.kernels.records import (
+    DStar,
+    Grid,
+    Rectangle,
+    Region,
+    StepTerms,
+    Tiles,
+)
 from nnpp_edge.runtime.kernels.tiles import open_at
 
 _LOOK_EVERY = 512
@@ -158,36 +165,33 @@ def _update_vertex(node, row, col, rhs, search):
 
 
 @kernel
-def update_vertices(grid, region, known, edges, area, blocks, until):
-    """Work out rhs anew of the nodes in an `Area` of the map, as far as they lie in some `blocks`
-    of the region's bitmap, (I, J) bool; the number of rows that are done once it is late.
+def update_vertices(grid, region, known, edges, part, blocks, until):
+    """Work out rhs anew of the nodes in a `Rectangle` of the map, as far as they lie in some
+    `blocks` of the region's bitmap, (I, J) bool; the number of rows done before it is late.
     """
     search = borrowed(DStar(Grid(*grid), Region(*region), *known))
-    area = Area(*area)
-    region = search.region
-    stride = search.grid.stride
-    for row in range(area.row0 + 1, area.row1 + 1):
-        i = uint64(region.row_block[row - 1])
-        if not blocks[i].any():
+    part = Rectangle(*part)
+    for done in range(part.rows):
+        row = part.row + done + 1
+        wanted = blocks[search.region.row_block[row - 1]]
+        if not wanted.any():
             continue
-        for col in range(area.col0 + 1, area.col1 + 1):
-            if not blocks[i, uint64(region.col_block[col - 1])]:
-                continue
-            node = row * stride + col
-            if node == search.goal:
+        for col in range(part.col + 1, part.col + part.cols + 1):
+            node = row * search.grid.stride + col
+            if node == search.goal or not wanted[uint64(search.region.col_block[col - 1])]:
                 continue
             rhs = inf
             if _may_enter(node, row, col, search):
                 rhs, _ = _least_by_way(node, search, edges)
             _update_vertex(node, row, col, rhs, search)
         if late(until):
-            return row - area.row0
-    return area.row1 - area.row0
+            return done + 1
+    return part.rows
 
 
 @inlined
 def _lower(node, row, col, search, edges):
-    """Have g of a node fall to its rhs, and rhs of the neighbours that come to less by way of it."""
+    """Have g of a node fall to its rhs, and rhs of neighbours for which that is cheaper."""
     g = search.rhs[uint64(node)]
     search.g[uint64(node)] = g
     stride = search.grid.stride
@@ -240,13 +244,14 @@ def compute_shortest_path(grid, region, known, edges, until):
     start = search.start
     inverse_stride = 1.0 / stride
     expansions = 0
+    computed = False
     while search.size[0] > 0:
         # the start is settled where no key is lower than its own, and its g is not to rise
         cost = min(search.g[uint64(start)], search.rhs[uint64(start)])
         settled = search.keys[0] >= cost + search.km
         if settled and search.rhs[uint64(start)] <= search.g[uint64(start)]:
             break
-        if expansions % _LOOK_EVERY == _LOOK_EVERY - 1 and late(until):
+        if (computed or expansions % _LOOK_EVERY == _LOOK_EVERY - 1) and late(until):
             return PAUSED, expansions
         node = int64(search.nodes[0])
         row = int64((node + 0.5) * inverse_stride)
@@ -258,7 +263,7 @@ def compute_shortest_path(grid, region, known, edges, until):
             _place(0, key, node, search)
         else:
             expansions += 1
-            open_at(tiles, row - 1, col - 1)
+            computed = open_at(tiles, row - 1, col - 1)
             if g > rhs:
                 _remove(0, search)
                 _lower(node, row, col, search, edges)

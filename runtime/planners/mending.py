@@ -13,6 +13,7 @@ from nnpp_edge.runtime.search.dstar_lite import DStarLite, serves
 from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.tuning import MOST_JOINED
 
+
 class MendingSearcher:
     """D* Lite in regions, kept from one query to the next: the paper's D*NN, in any region.
 
@@ -29,6 +30,7 @@ class MendingSearcher:
         """Do now what the first query to this goal would else do, all of the memory backed by the
         system.
         """
+        self._state.grid.complete()
         self._dstar = DStarLite(self._state, goal)
         touch(self._dstar)
 

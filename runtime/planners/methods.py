@@ -269,6 +269,7 @@ class Methods:
 
     def prepare_to_mend_map(self, goal: Cell) -> None:
         """Set D* Lite up for queries to this goal, all of its memory backed by the system."""
+        self.state.grid.complete()
         touch(self._dstar_to(goal))
 
     def corridor(

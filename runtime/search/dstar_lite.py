@@ -5,7 +5,7 @@ Koenig and Likhachev, "D* Lite" (AAAI 2002), in its optimised form.
 
 import math
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.kernels import dstar as kernels
 from nnpp_edge.runtime.kernels.nodes import FOUND, octile
 from nnpp_edge.runtime.options import CELLS
-from nnpp_edge.runtime.search.astar import Search
+from nnpp_edge.runtime.search.astar import Parts, Search
 from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.tuning import MOST_RATIO_FOR_DSTAR
 
@@ -109,7 +109,7 @@ class DStarLite:
         return self._grid.node(int(cell[0]), int(cell[1]))
 
     @property
-    def _search(self) -> tuple[Any, ...]:
+    def _search(self) -> Parts:
         """As kernels take it."""
         start = (self._start, *divmod(self._start, self._grid.stride))
         place = (self._goal, *start, *self._prices, self._km)
@@ -117,7 +117,7 @@ class DStarLite:
         return (self._grid.packed, tuple(self.region), (*place, *known), self._edges)
 
     def _begin(self, prices: Iterable[float]) -> None:
-        """Forget all that was found. `prices` of a straight and a diagonal step are the cheapest."""
+        """Forget all that was found. No straight and no diagonal step costs less than `prices`."""
         self._cheapest, diagonal = prices
         self._prices = (_BELOW * self._cheapest, _BELOW * diagonal)
         self._km = 0.0
@@ -140,8 +140,9 @@ class DStarLite:
         left = self._grid.cell(self._start)
         self._start = node
         self._km += float(octile.py_func(*left, *start, *self._prices))
-        for cell in (left, start):  # start and goal count as inside the region
-            self._touch((*cell, 1, 1))
+        for cell in (left, start):
+            if not self.region.holds(cell):  # it counts as inside as long as paths lead from there
+                self._touch((*cell, 1, 1))
 
     def _read_changes(self) -> None:
         """Note where the map has changed since the last time; start afresh where a cell became
@@ -160,13 +161,12 @@ class DStarLite:
         """Have rhs of the cells of a part of the map worked out anew."""
         self._stale.append((part, np.ones(self.region.bitmap.shape, np.bool_)))
 
-    def _update_vertices(self, search: tuple[Any, ...], deadline: Deadline) -> bool:
+    def _update_vertices(self, search: Parts, deadline: Deadline) -> bool:
         """Work out rhs anew wherever a step has changed; whether it is done by the deadline."""
         while self._stale:
-            (row, col, rows, cols), blocks = self._stale.pop()
-            area = (row, row + rows, col, col + cols)  # `records.Area`
-            given = (*search, area, blocks)
-            done = kernels.update_vertices(*given, deadline.at)
+            part, blocks = self._stale.pop()
+            row, col, rows, cols = part
+            done = kernels.update_vertices(*search, part, blocks, deadline.at)
             if done < rows:
                 self._stale.append(((row + done, col, rows - done, cols), blocks))
                 return False
