@@ -52,9 +52,9 @@ class DStarLite:
         room = count + kernels.SPARE_SLOTS
         self.g = np.empty(count)
         self.rhs = np.empty(count)
-        self.keys = np.empty(room)
+        self.keys = np.full(room, np.inf)
         self.nodes = np.empty(room, np.int32)
-        self.slots = np.empty(count, np.int32)
+        self.slots = np.full(count, kernels.ABSENT, np.int32)
         self.size = np.zeros(1, np.int64)
         """As of `records.DStar`; to be read only."""
         self.set_goal(goal, region)
@@ -123,9 +123,11 @@ class DStarLite:
         self._km = 0.0
         self._changes.skip()
         self._stale: list[tuple[Rectangle, Bool]] = []
-        for each in (self.g, self.rhs, self.keys):
-            each.fill(math.inf)
-        self.slots.fill(kernels.ABSENT)
+        self.g.fill(math.inf)
+        self.rhs.fill(math.inf)
+        listed = self.nodes[: self.size[0]]
+        self.slots[listed] = kernels.ABSENT
+        self.keys[: len(listed)] = math.inf
         # the goal alone is on the open list
         self.rhs[self._goal] = self.keys[0] = 0.0
         self.nodes[0] = self._goal
