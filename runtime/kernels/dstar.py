@@ -1,520 +1,290 @@
-"""The kernels of D* Lite: reading the map, mending what a change touched, expanding, following the
-path.
+"""The kernels of D* Lite, by the names of its paper (Koenig and Likhachev, 2002).
 
-The search leads from the goal to the start, so a node's neighbours come to it by the steps that
-lead back. ``state`` is (2 · nodes,) float64, g of node n at 2n and rhs at 2n + 1. Where steps are
-directed, ``edges`` is a `UnitEdges`, else None; costs then say only whether a node can be stood on,
-and are 0 or inf.
+The search leads from the goal to the start. A node whose g and rhs differ waits on the open list, a
+heap with four entries below each. Its key is min(g, rhs) + h + km: the paper's second part keeps
+apart a node and those that its cost rests on where the first is equal, which it never is here, as h
+falls by less along a step than the step costs. An entry stays when its node's key rises or its g
+and rhs become equal, until it comes to the top.
+
+Where steps are directed, ``edges`` is (nodes, 8) float32, what the step that leaves a node in each
+direction costs, else None.
 """
 
-import numpy as np
-from numpy import float32, float64, inf, int64, uint64
+from numpy import float64, inf, int64, uint64
 
-from nnpp_edge.runtime.compiled.kernel import helper, inlined, kernel
+from nnpp_edge.runtime.compiled.kernel import inlined, kernel
 from nnpp_edge.runtime.kernels.by_address import borrowed
 from nnpp_edge.runtime.kernels.clock import late
 from nnpp_edge.runtime.kernels.nodes import (
+    COL,
     COL_STEP,
     FOUND,
     OPPOSITE,
     PAUSED,
+    ROW,
     ROW_STEP,
+    beside_wall,
     lowest_bit,
     neighbour,
     octile,
+    outside,
     row_steps,
+    step_cost,
 )
 from nnpp_edge.runtime.kernels.records import (
-    Area,
-    CostSource,
-    DStarSearch,
-    Heap,
-    Known,
-    Mask,
-    Noted,
-    UnitEdges,
+    DStar,
+    Grid,
+    Rectangle,
+    Region,
+    StepTerms,
+    Tiles,
 )
+from nnpp_edge.runtime.kernels.tiles import open_at
 
-READ = 0
-STALE = 1
-UNREAD = 2
-"""Of a row: what is known of it is right; its region is another; nothing is known of it."""
-ABSENT = -1
 _LOOK_EVERY = 512
-"""Nodes between two readings of the clock."""
+"""Expansions between two readings of the clock."""
+ABSENT = -1
+"""In place of a slot of the heap, of a node that is not on it."""
 SPARE_SLOTS = 4
-"""Slots of the heap beyond the number of nodes, so that the last entries have four below each as
-well.
-"""
-EXACT = float(1 << 52)
-"""Sums of units are exact up to here: two thousand million of the cheapest steps."""
-CAUTION = 1.0 + 2.0**-40
-"""Beyond that, keys this much above the start's are looked at too, so that rounding cannot hide
-one.
-"""
-DEAREST = 1e38
-"""No passable cell weighs more units, lest it read as impassable."""
+"""Slots of the heap beyond its entries, so that the last ones have four below each as well."""
+
+
+# Costs
 
 
 @inlined
-def _g(state, node):
-    return state[uint64(2 * node)]
-
-
-@inlined
-def _rhs(state, node):
-    return state[uint64(2 * node + 1)]
-
-
-# Reading the map
-
-
-@inlined
-def _read(node, source, known):
-    """Read what one node weighs; whether its steps have changed."""
-    at = uint64(node)
-    allowed = (known.inside[at] != 0) | (node == source.start) | (node == source.goal)
-    weight = source.weights[at]
-    wall = weight == inf
-    cost = float32(min(np.rint(source.factor * weight), DEAREST))
-    cost = float32(inf) if wall | (not allowed) else cost
-    changed = (cost != known.costs[at]) | (wall != known.walls[at])
-    known.costs[at] = cost
-    known.walls[at] = wall
-    return changed
-
-
-@helper
-def _note(node, stride, noted, pending):
-    """Put a node and its neighbours down as changed; the number of nodes put down so far."""
-    for k in range(9):  # unrolled by the compiler
-        there = node + (k // 3 - 1) * stride + k % 3 - 1
-        noted.changed[uint64(pending)] = there
-        pending += 1 - int64(noted.is_changed[uint64(there)])
-        noted.is_changed[uint64(there)] = 1
-    return pending
-
-
-@kernel
-def read_rectangle(area, rows_left, source, directed, known, noted, pending):
-    """Read an `Area` of the map; the number of nodes put down as changed so far: where steps are
-    `directed`, all.
-
-    Rows that are `UNREAD` are left for `read_rows`.
-    """
-    area = Area(*area)
-    source = borrowed(CostSource(*source))
-    known = borrowed(Known(*known))
-    noted = borrowed(Noted(*noted))
-    for row in range(area.row0, area.row1):
-        if rows_left[row + 1] == UNREAD:
-            continue
-        for col in range(area.col0, area.col1):
-            node = (row + 1) * source.stride + col + 1
-            if _read(node, source, known) or directed:
-                pending = _note(node, source.stride, noted, pending)
-    return pending
-
-
-@kernel
-def read_rows(rows_left, mask, source, known, state, heap, noted, pending, until):
-    """Read rows that have not been read, or whose region is another; the number of nodes put down
-    as changed so far.
-
-    `rows_left`, (H + 2,) uint8, says of each row, and those of the border, whether it is `UNREAD`,
-    `STALE` or `READ`, and is written. What is kept of an unread row may hold anything: nothing has
-    been found out there, and none of its nodes is put down. Once it is late, the rows that are left
-    stay as they are.
-    """
-    mask = borrowed(Mask(*mask))
-    source = borrowed(CostSource(*source))
-    known = borrowed(Known(*known))
-    heap = borrowed(Heap(*heap))
-    noted = borrowed(Noted(*noted))
-    stride = source.stride
-    for row in range(len(rows_left)):
-        if rows_left[row] == READ:
-            continue
-        anew = rows_left[row] == UNREAD
-        first = row * stride
-        if anew:
-            end = first + stride
-            known.costs[first:end] = inf
-            known.walls[first:end] = 1
-            known.inside[first:end] = 0
-            heap.position[first:end] = ABSENT
-            heap.firsts[first:end] = inf
-            state[2 * first : 2 * end] = inf
-        cols = len(mask.col_block) if 0 < row < len(rows_left) - 1 else 0
-        for col in range(cols):
-            node = first + col + 1
-            i = uint64(mask.row_block[row - 1])
-            now = mask.blocks[i, uint64(mask.col_block[col])]
-            if anew or now != known.inside[node]:
-                known.inside[node] = now
-                if _read(node, source, known) and not anew:
-                    pending = _note(node, stride, noted, pending)
-        rows_left[row] = READ
-        if late(until):
-            break
-    return pending
-
-
-# Costs of steps
-
-
-@inlined
-def _step(node, k, there, search, known, edges):
-    """Cost, in units, of the step from a node in direction k."""
-    pair = float64(known.costs[uint64(node)]) + float64(known.costs[uint64(there)])
+def _cost(node, k, there, search, edges):
+    """Cost of the step from a node in direction k; inf where there is none."""
     if edges is not None:
-        directed = borrowed(UnitEdges(*edges))
-        return np.rint(directed.factor * directed.edges[uint64(node), uint64(k)]) + pair
-    if k < 4:
-        return search.length_straight + pair
-    return search.length_diagonal + np.floor(search.weight_diagonal * pair)
+        return float64(edges[uint64(node), uint64(k)])
+    weights = search.grid.weights
+    pair = float64(weights[uint64(node)]) + float64(weights[uint64(there)])
+    cost = step_cost(k >= 4, pair, StepTerms(*search.grid.steps))
+    if k >= 4 and not search.grid.corner_cutting:
+        down = ROW_STEP[k] * search.grid.stride
+        cost = inf if beside_wall(weights, node, down, COL_STEP[k]) else cost
+    return cost
 
 
 @inlined
-def _step_back(node, k, there, search, known, edges):
-    """Cost, in units, of the step that comes to a node from its neighbour in direction k."""
-    return _step(there, OPPOSITE[k], node, search, known, edges)
-
-
-@inlined
-def _cuts_wall(node, k, search, known):
-    """Whether a step in direction k may not be made, as it passes beside an impassable cell."""
-    if k < 4 or search.corner_cutting:
-        return False
-    above = known.walls[uint64(node + ROW_STEP[k] * search.stride)]
-    return (above | known.walls[uint64(node + COL_STEP[k])]) != 0
-
-
-@inlined
-def _least_by_way(node, search, known, edges, state):
-    """The least cost to the goal by way of a neighbour of a passable node, and the direction of
-    that neighbour.
-    """
-    down = row_steps(search.stride)
+def _least_by_way(node, search, edges):
+    """The least cost to the goal by way of a neighbour, and the direction of that neighbour."""
+    down = row_steps(search.grid.stride)
     best = inf
-    direction = -1
+    direction = int64(-1)
     for k in range(8):  # unrolled by the compiler
         there = node + down[k] + COL_STEP[k]
-        step = _step(node, k, there, search, known, edges)
-        if k >= 4 and not search.corner_cutting:
-            above = known.walls[uint64(node + down[k])]
-            step = inf if above | known.walls[uint64(node + COL_STEP[k])] else step
-        by_way = step + _g(state, there)
+        by_way = _cost(node, k, there, search, edges) + search.g[uint64(there)]
         direction = k if by_way < best else direction
         best = min(best, by_way)
     return best, direction
 
 
 @inlined
-def _touched(node, value, raised, search, known, edges, state):
-    """Directions, as bits, of the neighbours that a node touches whose g becomes, or where `raised`
-    was, `value`.
+def _key(node, row, col, search):
+    """The key by which a node waits on the open list."""
+    prices = (search.h_straight, search.h_diagonal)
+    h = octile(row, col, search.start_row, search.start_col, *prices)
+    return min(search.g[uint64(node)], search.rhs[uint64(node)]) + h + search.km
 
-    They come to a lower rhs by way of it; or their rhs may have rested on it.
-    """
-    down = row_steps(search.stride)
-    found = int64(0)
-    for k in range(8):  # unrolled by the compiler
-        there = node + down[k] + COL_STEP[k]
-        by_way = value + _step_back(node, k, there, search, known, edges)
-        rhs = _rhs(state, there)
-        rested = (by_way == rhs) & (by_way < inf)
-        found |= int64(rested if raised else by_way < rhs) << k
-    return found
+
+@inlined
+def _may_enter(node, row, col, search):
+    """Whether the region has a node; the ends count as inside."""
+    at_end = node == search.start or node == search.goal
+    return at_end or not outside(search.region, row, col)
 
 
 # The open list
 
 
 @inlined
-def _is_above(heap, i, first, second):
-    """Whether the entry at slot i of the heap has a lower key."""
-    there = heap.firsts[uint64(i)]
-    return there < first or (there == first and heap.seconds[uint64(i)] < second)
+def _put(slot, key, node, search):
+    """Put an entry at a slot of the heap."""
+    search.keys[uint64(slot)] = key
+    search.nodes[uint64(slot)] = node
+    search.slots[uint64(node)] = slot
 
 
 @inlined
-def _put(heap, i, first, second, node):
-    """Put a node at slot i of the heap."""
-    heap.firsts[uint64(i)] = first
-    heap.seconds[uint64(i)] = second
-    heap.nodes[uint64(i)] = node
-    heap.position[uint64(node)] = i
-
-
-@helper
-def _rise(heap, i, first, second, node):
-    """Put a node at slot i of the heap, or as far above as its key wants; the slot that it got."""
-    while i > 0:
-        above = (i - 1) >> 2
-        a = heap.firsts[uint64(above)]
-        b = heap.seconds[uint64(above)]
-        if a < first or (a == first and b <= second):
+def _place(slot, key, node, search):
+    """Put an entry at a slot of the heap, or as far above or below as its key wants."""
+    keys = search.keys
+    while slot > 0:
+        above = (slot - 1) >> 2
+        if keys[uint64(above)] <= key:
             break
-        _put(heap, i, a, b, heap.nodes[uint64(above)])
-        i = above
-    _put(heap, i, first, second, node)
-    return i
-
-
-@inlined
-def _least_below(heap, child):
-    """The slot with the least key of four, from `child` on."""
-    firsts = heap.firsts
-    w = firsts[uint64(child)]
-    x = firsts[uint64(child + 1)]
-    y = firsts[uint64(child + 2)]
-    z = firsts[uint64(child + 3)]
-    left = min(w, x)
-    right = min(y, z)
-    least = min(left, right)
-    slot = child + (int64(z < y) + 2 if right < left else int64(x < w))
-    if (w == x) | (y == z) | (left == right):
-        for k in range(child, child + 4):  # the slot is one of those whose first part is the least
-            second = heap.seconds[uint64(k)]
-            better = (firsts[uint64(k)] == least) & (second < heap.seconds[uint64(slot)])
-            slot = k if better else slot
-    return slot
-
-
-@helper
-def _sink(heap, size, i, first, second, node):
-    """Put a node at slot i of the heap, or as far below as its key wants."""
-    child = 4 * i + 1
-    while child < size:
-        slot = _least_below(heap, child)
-        a = heap.firsts[uint64(slot)]
-        b = heap.seconds[uint64(slot)]
-        if first < a or (first == a and second <= b):
+        _put(slot, keys[uint64(above)], int64(search.nodes[uint64(above)]), search)
+        slot = above
+    size = search.size[0]
+    below = 4 * slot + 1
+    while below < size:
+        a = keys[uint64(below)]
+        b = keys[uint64(below + 1)]
+        c = keys[uint64(below + 2)]
+        d = keys[uint64(below + 3)]
+        ab = min(a, b)
+        cd = min(c, d)
+        if key <= min(ab, cd):
             break
-        _put(heap, i, a, b, heap.nodes[uint64(slot)])
-        i = slot
-        child = 4 * i + 1
-    _put(heap, i, first, second, node)
-
-
-@helper
-def _update_vertex(node, ahead, state, heap, size):
-    """Have a node on the open list exactly if its g and rhs differ; `ahead` is its h + km.
-
-    What is left to do: the slot of the heap (ABSENT where nothing is left), the key and the node
-    that is to be put there, and the heap's new size.
-    """
-    g = _g(state, node)
-    rhs = _rhs(state, node)
-    second = min(g, rhs)
-    first = second + ahead
-    slot = int64(heap.position[uint64(node)])
-    heap.position[uint64(node)] = ABSENT
-    listed = slot != ABSENT
-    end = uint64(max(size - 1, 0))
-    last = int64(heap.nodes[end])
-    last_first = heap.firsts[end]
-    last_second = heap.seconds[end]
-    heap.firsts[end] = inf if g == rhs and listed else last_first
-    if g != rhs and listed:  # its key has changed
-        return slot, first, second, node, size
-    if g != rhs:  # it comes on the list
-        return size, first, second, node, size + 1
-    if listed:  # it leaves the list, and its place to the last entry
-        slot = slot if slot < size - 1 else int64(ABSENT)
-        return slot, last_first, last_second, last, size - 1
-    return slot, first, second, node, size
+        least = below + (2 + int64(d < c) if cd < ab else int64(b < a))
+        _put(slot, keys[uint64(least)], int64(search.nodes[uint64(least)]), search)
+        slot = least
+        below = 4 * slot + 1
+    _put(slot, key, node, search)
 
 
 @inlined
-def _place(heap, size, slot, first, second, node):
-    """Put a node where its key wants it, from a slot of the heap on, unless that is `ABSENT`."""
-    if slot != ABSENT:
-        above = _rise(heap, slot, first, second, node)
-        if above == slot and 4 * slot + 1 < size:
-            _sink(heap, size, slot, first, second, node)
+def _remove(slot, search):
+    """Take an entry off the list."""
+    search.slots[uint64(search.nodes[uint64(slot)])] = ABSENT
+    size = search.size[0] - 1
+    search.size[0] = size
+    key = search.keys[uint64(size)]
+    node = int64(search.nodes[uint64(size)])
+    search.keys[uint64(size)] = inf
+    if slot < size:
+        _place(slot, key, node, search)
 
 
 @inlined
-def _h(row, col, start_row, start_col, search):
-    """The octile distance to the start."""
-    return octile(row, col, start_row, start_col, search.h_straight, search.h_diagonal)
+def _update_vertex(node, row, col, rhs, search):
+    """Write rhs of a node, and have the node on the open list exactly if that differs from g."""
+    search.rhs[uint64(node)] = rhs
+    slot = int64(search.slots[uint64(node)])
+    if search.g[uint64(node)] != rhs:
+        if slot == ABSENT:
+            slot = search.size[0]
+            search.size[0] = slot + 1
+        _place(slot, _key(node, row, col, search), node, search)
+    elif slot != ABSENT:
+        _remove(slot, search)
+
+
+# The search
 
 
 @kernel
-def begin(goal, state, heap):
-    """A search that knows the goal alone, over rows that have just been read; the size of its open
-    list.
+def update_vertices(grid, region, known, edges, part, blocks, until):
+    """Work out rhs anew of the nodes in a `Rectangle` of the map, as far as they lie in some
+    `blocks` of the region's bitmap, (I, J) bool; the number of rows done before it is late.
     """
-    state[2 * goal + 1] = 0.0
-    _put(Heap(*heap), 0, 0.0, 0.0, goal)
-    return 1
-
-
-@kernel
-def mend(pending, search, known, edges, state, heap, size, noted, until):
-    """Work out rhs anew wherever a step has changed; how many nodes are left once it is late, and
-    the list's size.
-    """
-    search = DStarSearch(*search)
-    known = borrowed(Known(*known))
-    state = borrowed(state)
-    heap = borrowed(Heap(*heap))
-    noted = borrowed(Noted(*noted))
-    stride = search.stride
-    start_row = search.start // stride
-    start_col = search.start % stride
-    for n in range(pending):
-        if n % _LOOK_EVERY == _LOOK_EVERY - 1 and late(until):
-            left = pending - n
-            for m in range(left):
-                noted.changed[m] = noted.changed[n + m]
-            return left, size
-        node = int64(noted.changed[n])
-        noted.is_changed[node] = 0
-        if node == search.goal:
+    search = borrowed(DStar(Grid(*grid), Region(*region), *known))
+    part = Rectangle(*part)
+    for done in range(part.rows):
+        row = part.row + done + 1
+        wanted = blocks[search.region.row_block[row - 1]]
+        if not wanted.any():
             continue
-        rhs = inf
-        if known.costs[node] < inf:  # so not on the border, whose neighbours are not all there
-            rhs, _ = _least_by_way(node, search, known, edges, state)
-        if rhs == _rhs(state, node):
-            continue
-        state[2 * node + 1] = rhs
-        h = _h(node // stride, node % stride, start_row, start_col, search)
-        slot, first, second, moved, size = _update_vertex(node, search.km + h, state, heap, size)
-        _place(heap, size, slot, first, second, moved)
-    return 0, size
+        for col in range(part.col + 1, part.col + part.cols + 1):
+            node = row * search.grid.stride + col
+            if node == search.goal or not wanted[uint64(search.region.col_block[col - 1])]:
+                continue
+            rhs = inf
+            if _may_enter(node, row, col, search):
+                rhs, _ = _least_by_way(node, search, edges)
+            _update_vertex(node, row, col, rhs, search)
+        if late(until):
+            return done + 1
+    return part.rows
 
 
 @inlined
-def _is_settled(search, state, heap):
-    """Whether the start's rhs is its cost to the goal: no key on the open list is lower."""
-    g = _g(state, search.start)
-    rhs = _rhs(state, search.start)
-    second = min(g, rhs)
-    first = second + search.km
-    if first > EXACT:
-        first *= CAUTION
-    return rhs <= g and not _is_above(heap, 0, first, second)
+def _lower(node, row, col, search, edges):
+    """Have g of a node fall to its rhs, and rhs of neighbours for which that is cheaper."""
+    g = search.rhs[uint64(node)]
+    search.g[uint64(node)] = g
+    stride = search.grid.stride
+    down = row_steps(stride)
+    reached = int64(0)
+    for k in range(8):  # unrolled by the compiler
+        there = node + down[k] + COL_STEP[k]
+        by_way = _cost(there, OPPOSITE[k], node, search, edges) + g
+        reached |= int64(by_way < search.rhs[uint64(there)]) << k
+    while reached:
+        k = lowest_bit(reached)
+        reached &= reached - 1
+        there = neighbour(node, k, stride)
+        below = row + ROW_STEP[k]
+        right = col + COL_STEP[k]
+        if _may_enter(there, below, right, search):
+            by_way = _cost(there, OPPOSITE[k], node, search, edges) + g
+            _update_vertex(there, below, right, by_way, search)
 
 
 @inlined
-def _new_rhs(node, k, there, rhs, raised, search, known, edges, state):
-    """rhs of a node's neighbour in direction k, after the node's g has changed: to its rhs, or to
-    inf where `raised`.
-    """
-    if raised:
-        by_way, _ = _least_by_way(there, search, known, edges, state)
-        return by_way
-    if _cuts_wall(node, k, search, known):
-        return _rhs(state, there)
-    return rhs + _step_back(node, k, there, search, known, edges)
-
-
-@inlined
-def _fill_vacancy(heap, size):
-    """Move the last entry of a heap to its top, which a node has left; the new size."""
-    size -= 1
-    end = uint64(size)
-    first = heap.firsts[end]
-    second = heap.seconds[end]
-    moved = int64(heap.nodes[end])
-    heap.firsts[end] = inf
-    if size > 0:
-        _sink(heap, size, 0, first, second, moved)
-    return size
+def _raise(node, row, col, search, edges):
+    """Have g of a node rise to inf, and work out rhs anew of the neighbours that rested on it."""
+    g = search.g[uint64(node)]
+    search.g[uint64(node)] = inf
+    _update_vertex(node, row, col, search.rhs[uint64(node)], search)
+    stride = search.grid.stride
+    down = row_steps(stride)
+    rested = int64(0)
+    for k in range(8):  # unrolled by the compiler
+        there = node + down[k] + COL_STEP[k]
+        by_way = _cost(there, OPPOSITE[k], node, search, edges) + g
+        rested |= int64((by_way == search.rhs[uint64(there)]) & (by_way < inf)) << k
+    while rested:
+        k = lowest_bit(rested)
+        rested &= rested - 1
+        there = neighbour(node, k, stride)
+        rhs, _ = _least_by_way(there, search, edges)
+        _update_vertex(there, row + ROW_STEP[k], col + COL_STEP[k], rhs, search)
 
 
 @kernel
-def expand(search, known, edges, state, heap, size, until):
-    """ComputeShortestPath: expand until the start is settled or it is late, see `clock.late`.
-
-    The code, the number of expansions and the open list's size.
+def compute_shortest_path(grid, region, known, edges, until):
+    """Expand nodes until rhs of the start is its cost to the goal, or it is late: which, as `FOUND`
+    or `PAUSED`, and the number of expansions.
     """
-    search = DStarSearch(*search)
-    known = borrowed(Known(*known))
-    state = borrowed(state)
-    heap = borrowed(Heap(*heap))
-    stride = search.stride
-    start_row = search.start // stride
-    start_col = search.start % stride
+    search = borrowed(DStar(Grid(*grid), Region(*region), *known))
+    stride = search.grid.stride
+    tiles = borrowed(Tiles(*search.grid.tiles))
+    start = search.start
     inverse_stride = 1.0 / stride
     expansions = 0
-    while size > 0 and not _is_settled(search, state, heap):
-        if expansions % _LOOK_EVERY == _LOOK_EVERY - 1 and late(until):
-            return PAUSED, expansions, size
-        # the node of the lowest key, unless the start's moves have raised that
-        node = int64(heap.nodes[0])
-        g = _g(state, node)
-        rhs = _rhs(state, node)
+    computed = False
+    while search.size[0] > 0:
+        # the start is settled where no key is lower than its own, and its g is not to rise
+        cost = min(search.g[uint64(start)], search.rhs[uint64(start)])
+        settled = search.keys[0] >= cost + search.km
+        if settled and search.rhs[uint64(start)] <= search.g[uint64(start)]:
+            break
+        if (computed or expansions % _LOOK_EVERY == _LOOK_EVERY - 1) and late(until):
+            return PAUSED, expansions
+        node = int64(search.nodes[0])
         row = int64((node + 0.5) * inverse_stride)
         col = node - row * stride
-        ahead = search.km + _h(row, col, start_row, start_col, search)
-        second = min(g, rhs)
-        first = second + ahead
-        if _is_above(heap, 0, first, second):
-            _sink(heap, size, 0, first, second, node)
-            continue
-        expansions += 1
-        # g falls to rhs, or where it is too low becomes inf
-        raised = g <= rhs
-        value = g if raised else rhs
-        touched = _touched(node, value, raised, search, known, edges, state)
-        state[uint64(2 * node)] = inf if raised else rhs
-        # A node that leaves the list leaves its slot to the first neighbour to come on. With a key
-        # not much greater that one stays near the top, where the heap's last entry would sink to
-        # the bottom again.
-        vacant = not raised or rhs == inf
-        if vacant:
-            heap.position[uint64(node)] = ABSENT
-            heap.firsts[0] = -inf
+        g = search.g[uint64(node)]
+        rhs = search.rhs[uint64(node)]
+        key = _key(node, row, col, search)
+        if search.keys[0] < key:
+            _place(0, key, node, search)
         else:
-            _sink(heap, size, 0, rhs + ahead, rhs, node)
-        # rhs of the neighbours, and with it their places on the list
-        while touched:
-            k = lowest_bit(touched)
-            touched &= touched - 1
-            there = neighbour(node, k, stride)
-            if there == search.goal:
-                continue
-            new = _new_rhs(node, k, there, rhs, raised, search, known, edges, state)
-            if new == _rhs(state, there):
-                continue
-            state[uint64(2 * there + 1)] = new
-            h = _h(row + ROW_STEP[k], col + COL_STEP[k], start_row, start_col, search)
-            update = _update_vertex(there, search.km + h, state, heap, size)
-            slot, first, second, moved, grown = update
-            if vacant and grown > size:
-                slot = int64(0)
-                grown = size
-                vacant = False
-            size = grown
-            _place(heap, size, slot, first, second, moved)
-        if vacant:
-            size = _fill_vacancy(heap, size)
-    return FOUND, expansions, size
+            expansions += 1
+            computed = open_at(tiles, row - 1, col - 1)
+            if g > rhs:
+                _remove(0, search)
+                _lower(node, row, col, search, edges)
+            else:
+                _raise(node, row, col, search, edges)
+    return FOUND, expansions
 
 
 @kernel
-def descend(search, known, edges, state, cells, path):
-    """Write the path that follows the least cost to the goal, as far as `path` reaches; its length.
-
-    0 if it does not lead to the goal.
-    """
-    search = DStarSearch(*search)
-    known = Known(*known)
+def trace(grid, region, known, edges, path):
+    """Write the cells of the path from the start to the goal; its length."""
+    search = borrowed(DStar(Grid(*grid), Region(*region), *known))
+    stride = search.grid.stride
     node = search.start
-    n = 0
-    while n < cells:
-        if n < len(path):
-            path[n, 0] = node // search.stride - 1
-            path[n, 1] = node % search.stride - 1
-        n += 1
+    length = 0
+    while length < len(path):
+        path[length, ROW] = node // stride - 1
+        path[length, COL] = node % stride - 1
+        length += 1
         if node == search.goal:
-            return n
-        _, k = _least_by_way(node, search, known, edges, state)
-        if k < 0:
-            return 0
-        node = neighbour(node, k, search.stride)
-    return 0
+            break
+        _, k = _least_by_way(node, search, edges)
+        node = neighbour(node, k, stride)
+    return length

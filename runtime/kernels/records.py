@@ -366,86 +366,30 @@ class Frontier(NamedTuple):
 # D* Lite
 
 
-class DStarSearch(NamedTuple):
-    """What is searched (`search.dstar_lite`): from the goal to a start that moves. Costs are in
-    units, whole numbers.
-    """
+class DStar(NamedTuple):
+    """What D* Lite searches, and what it knows (`search.dstar_lite`)."""
 
-    stride: int
-    start: int
+    grid: Grid
+    region: Region
     goal: int
-    corner_cutting: bool
-    length_straight: float
-    length_diagonal: float
-    weight_diagonal: float
-    """A diagonal step's weight over that of a straight one, which is 1."""
+    start: int
+    start_row: int
+    start_col: int
+    """The node, and its row and column within the border."""
     h_straight: float
     h_diagonal: float
     """Prices of the octile distance."""
     km: float
-
-
-class CostSource(NamedTuple):
-    """Where the costs of nodes are read from."""
-
-    weights: Floats
-    factor: float
-    """Units to a weight of 1."""
-    stride: int
-    start: int
-    goal: int
-    """Which count as inside the region."""
-
-
-class Known(NamedTuple):
-    """What is known of the nodes that have been read."""
-
-    costs: Floats
-    """(nodes,) weights in units; inf where impassable or outside the region."""
-    walls: Bytes
-    """(nodes,) whether the map itself is impassable there, by which corners are judged."""
-    inside: Bytes
-    """(nodes,) whether the region has them."""
-
-
-class Mask(NamedTuple):
-    """The cells that D* Lite may enter: a region's blocks as they were when it was handed over."""
-
-    blocks: Bools
-    """(I, J)"""
-    row_block: Int32s
-    col_block: Int32s
-    """(H,) and (W,) as in `Region`."""
-
-
-class Heap(NamedTuple):
-    """The open list of D* Lite: a heap with four below each, by keys of two parts."""
-
-    position: Int32s
-    """(nodes,) place of each node; `ABSENT` without."""
-    firsts: Doubles
-    seconds: Doubles
-    """(nodes + SPARE_SLOTS,) of the key at each place; the first is inf where there is none."""
-    nodes: Int32s
-    """(nodes,) the node at each place."""
-
-
-class Noted(NamedTuple):
-    """Nodes one of whose steps has changed since the last plan."""
-
-    changed: Int32s
-    """(nodes + 1,) each once, and a spare place."""
-    is_changed: Bytes
+    g: Doubles
+    rhs: Doubles
     """(nodes,)"""
-
-
-class UnitEdges(NamedTuple):
-    """Directed steps."""
-
-    edges: Floats
-    """(nodes, 8) cost of the step that leaves a node in each direction."""
-    factor: float
-    """Units to a cost of 1."""
+    keys: Doubles
+    nodes: Int32s
+    """(nodes + SPARE_SLOTS,) of each entry of the open list; a key of inf where there is none."""
+    slots: Int32s
+    """(nodes,) the entry of each node; `ABSENT` without."""
+    size: Int64s
+    """(1,) entries on the list."""
 
 
 # Directed steps

@@ -269,9 +269,8 @@ class Methods:
 
     def prepare_to_mend_map(self, goal: Cell) -> None:
         """Set D* Lite up for queries to this goal, all of its memory backed by the system."""
-        dstar = self._dstar_to(goal)
-        touch(dstar.memory)
-        dstar.read()
+        self.state.grid.complete()
+        touch(self._dstar_to(goal))
 
     def corridor(
         self,

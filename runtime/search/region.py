@@ -3,7 +3,7 @@
 import numpy as np
 
 from nnpp_edge.runtime.arrays import Bool, Int32
-from nnpp_edge.runtime.cells import Rectangle, slices
+from nnpp_edge.runtime.cells import Cell, Rectangle, slices
 from nnpp_edge.runtime.kernels import records
 
 Lookup = tuple[Int32, Int32]
@@ -35,6 +35,11 @@ class Region(records.Region):
         planning).
         """
         return self.blocks()[np.ix_(self.row_block, self.col_block)]
+
+    def holds(self, cell: Cell) -> bool:
+        """Whether a cell of the map is inside."""
+        row, col = cell
+        return bool(self.bitmap[self.row_block[row], self.col_block[col]] == self.stamp)
 
     def add(self, part: Rectangle) -> None:
         """Add the blocks that hold a rectangle of the map's cells."""

@@ -26,8 +26,6 @@ come.
 _OURS = ("/nnpp_edge/", "/runtime/")
 METHODS = ("astar", "corridor", "nnpp", "auto")
 MOST_MAPS = 7  # maps that there may be after interrupted patches
-# factor between weights up to which D* Lite never refuses; it says that it does from about 1e15 on
-MOST_APART = 1e12
 TOO_MUCH = 30
 FAR_APART = 1e9
 """Expansions a cell that no search of a small map needs, a hundred times as many where weights
@@ -317,8 +315,7 @@ def check(case, place=NOWHERE):
         try:
             problem = driver.do(step)
         except Exception as error:
-            far_apart = isinstance(error, InvalidMapError) and driver.weights_apart() > MOST_APART
-            if isinstance(error, NnppEdgeError) and (driver.interrupted or far_apart):
+            if isinstance(error, NnppEdgeError) and driver.interrupted:
                 # an interrupted planner may refuse until it is made anew; the map is what it was,
                 # or has the patch
                 driver.planner = driver.fresh()
