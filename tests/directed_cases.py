@@ -89,15 +89,13 @@ def path_cost(path, case, model):
     """Sum of what the steps of a path cost by the model itself; they go to neighbours, and may be
     made.
     """
-    total = 0.0
-    ground = ground_of(case.dem, case, model)
-    for (r, c), (i, j) in zip(path[:-1].tolist(), path[1:].tolist(), strict=True):
-        assert max(abs(i - r), abs(j - c)) == 1 and case.passable[r, c] and case.passable[i, j]
-        assert case.corner_cutting or (case.passable[r, j] and case.passable[i, c])
-        length = math.hypot((i - r) * case.sides[0], (j - c) * case.sides[1])
-        cost = float(model.cost(length, float(case.dem[i, j]) - float(case.dem[r, c])))
-        total += cost * (ground[r, c] + ground[i, j]) / 2
-    return total
+    shut = np.where(case.passable, 0.0, np.inf)
+    assert oracles.path_problem(path, shut, path[0], path[-1], case.corner_cutting) == ""
+    cells = tuple(path.T)
+    ground = ground_of(case.dem, case, model)[cells]
+    lengths = np.hypot(*(np.diff(path, axis=0) * case.sides).T)
+    costs = model.cost(lengths, np.diff(case.dem[cells].astype(np.float64)))
+    return float((costs * (ground[:-1] + ground[1:])).sum() / 2)
 
 
 def tolerance(case, model):

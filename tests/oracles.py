@@ -4,7 +4,7 @@ import itertools
 import math
 
 import numpy as np
-from scipy.ndimage import label
+from scipy.ndimage import label, map_coordinates
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra as scipy_dijkstra
 
@@ -71,13 +71,28 @@ def steps(passable, price, corner_cutting=True):
     return tuple(np.concatenate(each) for each in zip(*parts, strict=True))
 
 
-def costs_from(all_steps, shape, start):
-    """(H, W) cost of the cheapest path from `start` to each cell, by scipy; inf where there is
-    none.
+def possible(ways):
+    """All ways of some groups (from, to, cost) of arrays that cost less than inf, as `steps`."""
+    one, other, cost = (
+        np.concatenate(list(map(np.ravel, each))) for each in zip(*ways, strict=True)
+    )
+    made = np.isfinite(cost)
+    return one[made], other[made], cost[made]
+
+
+def costs_from(all_steps, shape, *starts):
+    """Cost of the cheapest path from one of some places to each of an array of this shape, by
+    scipy; inf where there is none.
     """
     i, j, v = all_steps
     graph = coo_array((np.maximum(v, 1e-300), (i, j)), shape=(math.prod(shape),) * 2).tocsr()
-    return scipy_dijkstra(graph, indices=start[0] * shape[1] + start[1]).reshape(shape)
+    nodes = np.ravel_multi_index(np.transpose(starts), shape, mode="wrap")
+    return scipy_dijkstra(graph, indices=nodes, min_only=True).reshape(shape)
+
+
+def step_costs(length, pair, step_cost, omega):
+    """Of steps so long between cells whose costs sum to `pair`, in one of the two models."""
+    return length + 255 * omega * pair if step_cost == "paper" else length * pair / 2
 
 
 def steps_on(cost, step_cost="paper", corner_cutting=True, omega=0.011):
@@ -85,9 +100,7 @@ def steps_on(cost, step_cost="paper", corner_cutting=True, omega=0.011):
     weights = cost.astype(np.float64).ravel()
 
     def price(step, one, other):
-        length = math.hypot(*step)
-        pair = weights[one] + weights[other]
-        return length + 255 * omega * pair if step_cost == "paper" else length * pair / 2
+        return step_costs(math.hypot(*step), weights[one] + weights[other], step_cost, omega)
 
     return steps(
         np.isfinite(cost) & ((cost < 1.0) | (step_cost == "length")), price, corner_cutting
@@ -126,22 +139,17 @@ def bound_by_region(cost, region, start, goal, step_cost="paper", corner_cutting
     """`least_refused` on a map of costs, where no step costs less than among the cheapest cells."""
     pair = 2.0 * float(cost[np.isfinite(cost) & (cost > 0.0)].min())
     lengths = np.array((1.0, math.sqrt(2.0)))
-    straight, diagonal = (
-        lengths + 255 * omega * pair if step_cost == "paper" else 0.5 * lengths * pair
-    )
+    straight, diagonal = step_costs(lengths, pair, step_cost, omega)
     to_go = octile(cost.shape, goal, straight, min(diagonal, 2.0 * straight))
     return least_refused(steps_on(cost, step_cost, corner_cutting, omega), region, start, to_go)
 
 
 def path_cost(path, cost, step_cost="paper", omega=0.011):
     """Sum of the path's steps."""
-    total = 0.0
-    for (r, c), (i, j) in zip(path[:-1], path[1:], strict=True):
-        assert max(abs(i - r), abs(j - c)) == 1, "steps go to one of eight neighbours"
-        length = math.hypot(int(i) - int(r), int(j) - int(c))
-        pair = float(cost[r, c]) + float(cost[i, j])
-        total += length + 255 * omega * pair if step_cost == "paper" else length * pair / 2
-    return total
+    steps = np.diff(path, axis=0)
+    assert (np.abs(steps).max(1) == 1).all(), "steps go to one of eight neighbours"
+    weights = cost[tuple(np.transpose(path))].astype(np.float64)
+    return float(step_costs(np.hypot(*steps.T), weights[:-1] + weights[1:], step_cost, omega).sum())
 
 
 def threshold_by_loop(levels, start, goal):
@@ -203,23 +211,16 @@ def line_cost(points, cost, step_cost="paper", per_cell=400):
         if step_cost == "paper"
         else cost.astype(np.float64)
     )
-    values = np.pad(np.where(passable, density, 0.0), 2)
-    known = np.pad(passable.astype(float), 2)
+    values = np.where(passable, density, 0.0)
     total = 0.0
     for begin, end in itertools.pairwise(points):
         length = math.hypot(*(end - begin))
         count = max(int(per_cell * length), 1)
         at = begin + ((np.arange(count) + 0.5) / count)[:, None] * (end - begin)
-        low = np.floor(at).astype(int)
-        down, right = (at - low).T
-        sums = 0.0
-        shares = 0.0
-        for (i, share_i), (j, share_j) in itertools.product(
-            ((0, 1.0 - down), (1, down)), ((0, 1.0 - right), (1, right))
-        ):
-            there = low[:, 0] + i + 2, low[:, 1] + j + 2
-            sums = sums + share_i * share_j * values[there]
-            shares = shares + share_i * share_j * known[there]
+        sums, shares = (
+            map_coordinates(each, at.T, float, order=1, mode="grid-constant")
+            for each in (values, passable)
+        )
         total += length * float(np.mean(sums / shares))
     return total
 

@@ -6,12 +6,14 @@ turns. Points are (row, col) in metres, from the middle of cell (0, 0); a body's
 metres ahead of its middle and to the right of it.
 """
 
-import heapq
 import itertools
 import math
 from typing import NamedTuple
 
 import numpy as np
+from scipy.ndimage import map_coordinates
+
+from tests import oracles
 
 AXES = ((1, 0), (2, 1), (1, 1), (1, 2), (0, 1), (-1, 2), (-1, 1), (-2, 1))
 DIRECTIONS = AXES + tuple((-row, -col) for row, col in AXES)
@@ -79,26 +81,12 @@ def costs_to_states(motions, starts):
     """(H, W, 16) cost of the cheapest way from one of some states (row, col, direction) to every
     one, by Dijkstra.
     """
-    costs = np.full(motions.legs.shape, np.inf)
-    queue = [(0.0, state) for state in starts]
-    for _, state in queue:
-        costs[state] = 0.0
-    legs = motions.legs.tolist()
-    turns = motions.turns.tolist()
-    while queue:
-        cost, (row, col, k) = heapq.heappop(queue)
-        if cost > costs[row, col, k]:
-            continue
-        ways = [
-            (legs[row][col][k], (row + DIRECTIONS[k][0], col + DIRECTIONS[k][1], k)),
-            (turns[row][col][k % 8], (row, col, (k + 1) % 16)),
-            (turns[row][col][(k - 1) % 8], (row, col, (k - 1) % 16)),
-        ]
-        for more, state in ways:
-            if more < math.inf and cost + more < costs[state]:
-                costs[state] = cost + more
-                heapq.heappush(queue, (cost + more, state))
-    return costs
+    states = np.arange(motions.legs.size).reshape(motions.legs.shape)
+    turns = np.tile(motions.turns, 2)
+    onward = states + 16 * (DIRECTIONS @ np.array((states.shape[1], 1)))
+    turned = np.roll(states, -1, axis=2)
+    ways = (states, onward, motions.legs), (states, turned, turns), (turned, states, turns)
+    return oracles.costs_from(oracles.possible(ways), states.shape, *starts)
 
 
 def costs_to_cells(motions, start):
@@ -156,13 +144,17 @@ def breaks_at(dem, cell_size_m, vehicle, places, headings):
     """The first of some poses, places (N, 2) in cells and headings (N,) from down the rows, that
     breaks a limit.
     """
-    tilts = np.radians(vehicle.tilts_deg)
-    allowed = np.array((0.5, vehicle.step_m, *tilts, vehicle.clearance_m))
     found = worst_figures(dem, cell_size_m, vehicle, places, headings)
-    for at, which in np.argwhere(found > allowed + 1e-9).tolist():
+    for at, which in np.argwhere(found > allowances(vehicle)).tolist():
         value = math.nan if which == 0 else float(found[at, which])
         return Break(LIMITS[which], value, (*map(float, places[at]), math.degrees(headings[at])))
     return None
+
+
+def allowances(vehicle):
+    """(6,) what figures may be at most, in the order of `LIMITS`."""
+    tilts = np.radians(vehicle.tilts_deg)
+    return np.array((0.5, vehicle.step_m, *tilts, vehicle.clearance_m)) + 1e-9
 
 
 def worst_figures(dem, cell_size_m, vehicle, places, headings):
@@ -230,10 +222,8 @@ class _Ground:
     """Bilinear ground between the cells' middles."""
 
     def __init__(self, dem, sides, unknown_passes):
-        heights = np.asarray(dem, np.float64)
-        self.padded = np.pad(
-            np.where(np.isfinite(heights), heights, np.nan), 2, constant_values=np.nan
-        )
+        self.known = np.isfinite(dem)
+        self.heights = np.where(self.known, dem, 0.0)
         self.sides = sides
         self.unknown_passes = unknown_passes
 
@@ -241,22 +231,14 @@ class _Ground:
         """Heights of (..., 2) points; NaN where a cell with weight is unknown (where all are, if
         unknown passes).
         """
-        most = np.array(self.padded.shape) - 2.0
-        place = np.clip(
-            np.round(points / self.sides, 9) + 2.0, 0.0, most
-        )  # beyond the map lie two unknown rings
-        first = np.floor(place).astype(np.int64)
-        share = place - first
-        total = 0.0
-        weight = 0.0
-        for row, col in itertools.product((0, 1), repeat=2):
-            part = np.abs(1 - row - share[..., 0]) * np.abs(1 - col - share[..., 1])
-            height = self.padded[first[..., 0] + row, first[..., 1] + col]
-            counts = (part > 0.0) & (np.isfinite(height) | (not self.unknown_passes))
-            total = total + np.where(counts, part * height, 0.0)
-            weight = weight + np.where(counts, part, 0.0)
+        place = np.moveaxis(np.round(points / self.sides, 9), -1, 0)
+        total, known = (
+            map_coordinates(each, place, float, order=1, mode="grid-constant")
+            for each in (self.heights, self.known)
+        )
+        least = 0.0 if self.unknown_passes else 1.0 - 1e-12
         with np.errstate(invalid="ignore"):
-            return total / weight
+            return np.where(known > least, total / known, np.nan)
 
     def samples(self, middles, ahead, half):
         """(N, M, 2) points of rectangles around (N, 2) middles: their edges, and all cells' middles

@@ -6,6 +6,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from nnpp_edge.runtime import Planner
+from nnpp_edge.runtime.kernels.poses import AXIS_COUNT, FAILS, MOST_CODE
 
 
 def flat(rows, cols, value=0.0):
@@ -68,6 +69,21 @@ def random_patch(rng, cost, step_cost="paper", kind="uniform", blocked=0.3):
 def state_of(cost, step_cost="paper", corner_cutting=True):
     """The state of a planner's map of costs."""
     return Planner(cost, step_cost=step_cost, corner_cutting=corner_cutting).state
+
+
+def scrambled(planner, seed):
+    """(H, W, M) codes of a body's motions, which cost or fail at random in place of what was
+    checked.
+    """
+    poses = planner.state.grid.robot.moves.poses
+    rng = np.random.default_rng(seed)
+    rows, cols = planner.shape
+    poses.complete()
+    shape = poses.codes.shape
+    poses.codes[:] = rng.integers(1, MOST_CODE, shape)
+    shares = rng.choice((0.05, 0.4), shape[1] // AXIS_COUNT).repeat(AXIS_COUNT)
+    poses.codes[rng.random(shape) < shares] = FAILS + 1
+    return poses.codes.reshape(rows + 2, cols + 2, -1)[1:-1, 1:-1]
 
 
 @dataclass(frozen=True)

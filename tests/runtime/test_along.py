@@ -7,6 +7,7 @@ import pickle
 
 import numpy as np
 import pytest
+from scipy.ndimage import map_coordinates
 
 from nnpp_edge.runtime import DynamicPlanner, EnergyCost, Mobility, Planner, TimeCost, Vehicle
 from nnpp_edge.runtime.map.along import Along, Numbers, heights_at, joined
@@ -30,12 +31,7 @@ def brute(line, heights, sides_m, pieces=4000):
     descent = 0.0
     for begin, end in zip(line[:-1], line[1:], strict=True):
         points = begin + np.linspace(0.0, 1.0, pieces)[:, None] * (end - begin)
-        low = np.minimum(np.floor(points).astype(int), np.array(heights.shape) - 2)
-        r, c = low.T
-        u, v = (points - low).T
-        top = (1 - v) * heights[r, c] + v * heights[r, c + 1]
-        bottom = (1 - v) * heights[r + 1, c] + v * heights[r + 1, c + 1]
-        rises = np.diff((1 - u) * top + u * bottom)
+        rises = np.diff(map_coordinates(heights, points.T, order=1, mode="nearest"))
         ground += np.hypot(np.hypot(*((end - begin) * sides_m)) / (pieces - 1), rises).sum()
         climb = climb + rises[rises > 0].sum()
         descent = descent - rises[rises < 0].sum()

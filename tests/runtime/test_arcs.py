@@ -4,7 +4,6 @@ drive itself.
 More cases: ``NNPP_EDGE_MAPS=500 pytest tests/runtime/test_arcs.py``.
 """
 
-import heapq
 import itertools
 import math
 import os
@@ -32,8 +31,9 @@ from nnpp_edge.runtime.robots.body import search
 from nnpp_edge.runtime.robots.body.arcs import heading_deg
 from nnpp_edge.runtime.robots.body.primitives import primitives
 from nnpp_edge.terrain.dem import sample_dem
-from tests import pose_oracles
+from tests import oracles, pose_oracles
 from tests.pose_oracles import DIRECTIONS, rocks
+from tests.strategies import scrambled
 
 MAPS = int(os.environ.get("NNPP_EDGE_MAPS", "6"))
 CELL_M = 0.25
@@ -115,48 +115,43 @@ def ways_of(vehicle, sides):
 
 
 def dijkstra(codes, vehicle, sides, scale, starts):
-    """{(row, col, heading, gear): cost} of all states that can be reached from some."""
-    rows, cols = codes.shape[:2]
-    ways = ways_of(vehicle, sides)
-    costs = dict.fromkeys(starts, 0.0)
-    queue = [(0.0, state) for state in starts]
-    geared = vehicle.gear_change_m > 0.0
-    while queue:
-        cost, state = heapq.heappop(queue)
-        if cost > costs[state]:
-            continue
-        row, col, k, before = state
-        for down, right, to, gear, motion, there, cells, metres in ways[k]:
-            i = row + down
-            j = col + right
-            if not (0 <= i < rows and 0 <= j < cols):
-                continue
-            code = int(codes[i, j, motion] if there else codes[row, col, motion])
-            if code >= FAILS:
-                continue
-            more = (
-                cells
-                * (1.0 + 2.0 * scale * (code - 1) / MOST_CODE)
-                * (vehicle.reverse_cost if gear < 0 else 1.0)
-            )
-            more += metres / sides[0]
-            if geared and gear and gear != before:
-                more += vehicle.gear_change_m / sides[0]
-            there_state = i, j, to, (gear or before) if geared else 1
-            if cost + more < costs.get(there_state, math.inf):
-                costs[there_state] = cost + more
-                heapq.heappush(queue, (cost + more, there_state))
-    return costs
+    """(H, W, 16, 3) cost of the cheapest way from one of some states to each; a state's last index
+    is the gear it was come to in.
+    """
+    shape = (*codes.shape[:2], 16, 3)
+    states = np.arange(math.prod(shape)).reshape(shape)
+    found = []
+    for k, ways in ways_of(vehicle, sides).items():
+        for down, right, to, gear, motion, begins_there, cells, metres in ways:
+            ends = pose_oracles.between(shape[:2], (down, right))
+            code = codes[(*ends[begins_there], motion)]
+            fare = cells * (vehicle.reverse_cost if gear < 0 else 1.0)
+            price = fare * (1.0 + 2.0 * scale * (code - 1.0) / MOST_CODE) + metres / sides[0]
+            price[code >= FAILS] = math.inf
+            for before in (1, -1):
+                after = gear or before
+                change = vehicle.gear_change_m / sides[0] if after != before else 0.0
+                one, other = states[(*ends[0], k, before)], states[(*ends[1], to, after)]
+                found.append((one, other, price + change))
+    return oracles.costs_from(oracles.possible(found), shape, *starts)
 
 
-def with_codes(made, seed):
-    """Random codes in place of what was checked; (H, W, M)."""
-    poses = made.state.grid.robot.moves.poses
-    rng = np.random.default_rng(seed)
-    poses.complete()
-    poses.codes[:] = rng.integers(1, MOST_CODE, poses.codes.shape)
-    poses.codes[rng.random(poses.codes.shape) < rng.choice((0.05, 0.4))] = FAILS + 1
-    return poses.codes.reshape(made.shape[0] + 2, made.shape[1] + 2, -1)[1:-1, 1:-1]
+def of_both(made, *ends, **options):
+    """The plans of the exact search, and of that in a corridor."""
+    return [made.plan(*ends, method=name, **options) for name in ("astar", "corridor")]
+
+
+def drives(dem, start, heading, goal, vehicle=CAR):
+    """A planner of a body that stands there."""
+    moving = DynamicPlanner.of_elevation(dem, CELL_M, goal, vehicle=vehicle)
+    moving.move(start, heading)
+    return moving
+
+
+def best_cost(dem, start, heading, goal, vehicle=CAR, to_heading=None):
+    """Of the whole map, searched by a new planner."""
+    ends = {"start_heading_deg": heading, "goal_heading_deg": to_heading}
+    return planner(dem, vehicle).plan(start, goal, method="astar", **ends).cost
 
 
 @pytest.mark.parametrize("vehicle", KINDS)
@@ -170,7 +165,7 @@ def test_searches_over_arcs_are_dijkstras_over_a_lattice_built_anew(vehicle, mon
         made = planner(
             np.zeros(shape), vehicle, cell_width_m=width, omega=(OMEGA, 0.0)[seed // 2 % 2]
         )
-        codes = with_codes(made, seed)
+        codes = scrambled(made, seed)
         sides = (CELL_M, width)
         scale = 255.0 * (OMEGA, 0.0)[seed // 2 % 2]
         rng = np.random.default_rng(seed)
@@ -184,13 +179,10 @@ def test_searches_over_arcs_are_dijkstras_over_a_lattice_built_anew(vehicle, mon
             costs = dijkstra(
                 codes, vehicle, sides, scale, [(*start, k, g) for k in starts for g in gears]
             )
-            ends = range(16) if end is None else (end,)
-            best = min(costs.get((*goal, k, gear), math.inf) for k in ends for gear in (1, -1))
+            best = costs[goal][slice(None) if end is None else end].min()
             headings = [None if k is None else heading_deg(k, sides) for k in (begin, end)]
             options = {"start_heading_deg": headings[0], "goal_heading_deg": headings[1]}
-            exact, other = (
-                made.plan(start, goal, method=name, **options) for name in ("astar", "corridor")
-            )
+            exact, other = of_both(made, start, goal, **options)
             assert exact.cost == pytest.approx(best, rel=1e-5) and exact.ok == other.ok
             assert other.cost >= best * (1.0 - 1e-5) and other.lower_bound <= best * (1.0 + 1e-5)
             if not exact.ok:
@@ -253,15 +245,13 @@ def test_arcs_join_keep_the_radius_and_break_no_limit_between_the_cells(vehicle)
     metres = 0.0
     for seed in range(max(MAPS // 2, 3)):
         dem = rocks(seed, 60, 64, 0.01)
-        for method in ("astar", "corridor"):
-            options = {
-                "start_heading_deg": 90.0 + 22.0 * seed,
-                "goal_heading_deg": 170.0,
-                "goal_tolerance_deg": 30.0,
-            }
-            plan = planner(dem, vehicle).plan(
-                (10, 10), (50, 52 - seed % 40), method=method, **options
-            )
+        options = {
+            "start_heading_deg": 90.0 + 22.0 * seed,
+            "goal_heading_deg": 170.0,
+            "goal_tolerance_deg": 30.0,
+        }
+        made = planner(dem, vehicle)
+        for plan in of_both(made, (10, 10), (50, 52 - seed % 40), **options):
             if not plan.ok:
                 continue
             places, headings = driven(plan)
@@ -330,10 +320,8 @@ def test_a_corridor_to_a_goal_with_a_heading_is_hardly_more_work_than_the_whole_
         (forwards, (226, 73), (184, 66), 207.0, None),
     ):
         made = planner(rim.elevation, vehicle, cell_size_m=rim.cell_size_m)
-        exact, other = (
-            made.plan(start, goal, method=name, goal_heading_deg=heading, start_heading_deg=begin)
-            for name in ("astar", "corridor")
-        )
+        headings = {"start_heading_deg": begin, "goal_heading_deg": heading}
+        exact, other = of_both(made, start, goal, **headings)
         assert exact.status is other.status and (not exact.ok or other.cost <= 1.02 * exact.cost)
         assert other.expansions <= 1.25 * exact.expansions
 
@@ -343,9 +331,7 @@ def test_a_corridor_has_room_to_turn_round_at_an_end_with_a_heading(headings):
     """Without it the body went back and forth there, for 7 to 11 % more."""
     slow_to_reverse = replace(CAR, turning_radius_m=3.0, reverse_cost=3.0, gear_change_m=2.0)
     made = planner(np.zeros((100, 140)), slow_to_reverse)
-    exact, other = (
-        made.plan((50, 35), (50, 110), method=name, **headings) for name in ("astar", "corridor")
-    )
+    exact, other = of_both(made, (50, 35), (50, 110), **headings)
     assert other.source is Source.REGION
     assert other.cost <= 1.002 * exact.cost
 
@@ -372,10 +358,7 @@ def test_paths_in_corridors_cost_hardly_more_than_the_best(ways, to_heading):
                 "start_heading_deg": begin,
                 "goal_heading_deg": end if to_heading else None,
             }
-            exact, other = (
-                made.plan(tuple(start.tolist()), tuple(goal.tolist()), method=method, **options)
-                for method in ("astar", "corridor")
-            )
+            exact, other = of_both(made, start.tolist(), goal.tolist(), **options)
             assert exact.status is other.status
             if exact.ok:
                 gaps.append(other.cost / exact.cost - 1.0)
@@ -475,8 +458,7 @@ def test_the_best_order_never_costs_a_body_more_than_the_order_given(vehicle, se
 
 def test_a_robot_on_a_goal_that_has_become_impassable_does_not_stand_well():
     for vehicle in (CAR, replace(CAR, turning_radius_m=None)):
-        moving = DynamicPlanner.of_elevation(np.zeros((40, 40)), CELL_M, (20, 20), vehicle=vehicle)
-        moving.move((20, 12), 90.0)
+        moving = drives(np.zeros((40, 40)), (20, 12), 90.0, (20, 20), vehicle)
         moving.replan()
         moving.move((20, 20), 90.0)
         assert moving.standing().valid
@@ -497,9 +479,9 @@ def test_a_moving_planner_begins_as_the_robot_stands_and_is_as_good_as_a_new_one
         moving.move(cell, heading)
         plan = moving.replan()
         sources.append(plan.source)
-        fresh = planner(dem, vehicle).plan(cell, goal, method="astar", start_heading_deg=heading)
-        assert plan.ok and fresh.cost * (1.0 - 1e-5) <= plan.cost <= 1.3 * fresh.cost
-        assert plan.lower_bound <= fresh.cost * (1.0 + 1e-5)
+        best = best_cost(dem, cell, heading, goal, vehicle)
+        assert plan.ok and best * (1.0 - 1e-5) <= plan.cost <= 1.3 * best
+        assert plan.lower_bound <= best * (1.0 + 1e-5)
         assert pose_oracles.breaks_at(dem, CELL_M, vehicle, *driven(plan)) is None
         assert moving.standing().valid
         at = min(3, len(plan.path) - 1)
@@ -528,10 +510,8 @@ def test_the_loop_goes_to_a_goal_with_a_heading_and_to_another_when_that_changes
     for heading in (0.0, 180.0, 90.0, None):
         navigator.offer(Goal(30, 45, heading_deg=heading))
         answer = navigator.tick()
-        fresh = planner(dem).plan(
-            (30, 15), (30, 45), method="astar", start_heading_deg=90.0, goal_heading_deg=heading
-        )
-        assert answer.ok and answer.cost <= 1.1 * fresh.cost
+        best = best_cost(dem, (30, 15), 90.0, (30, 45), to_heading=heading)
+        assert answer.ok and answer.cost <= 1.1 * best
         if heading is not None:
             assert answer.headings[-1] == heading
     point = Navigator(Ground(np.full((60, 60), 0.1, np.float32)))  # a point has no heading
@@ -571,8 +551,7 @@ def test_a_path_of_arcs_stands_while_the_body_drives_between_its_states():
 
 def test_a_body_exactly_in_a_state_of_its_path_sets_out_from_there():
     """Where the path came by that place before, in another gear, it was sent back each time."""
-    moving = DynamicPlanner.of_elevation(np.zeros((60, 60)), CELL_M, (30, 20), vehicle=CAR)
-    moving.move((30, 30), 90.0)
+    moving = drives(np.zeros((60, 60)), (30, 30), 90.0, (30, 20))
     plan = moving.replan()
     assert len(plan.path) > 4
     for (row, col), heading in zip(plan.path.tolist(), plan.headings_deg, strict=True):
@@ -608,13 +587,11 @@ def test_what_guided_plans_to_a_goal_with_a_heading_misleads_none_with_another()
     start, goal = (12, 14), (60, 64)
     for seed in (12, 13):
         dem = rocks(seed, 80, 80, 0.004)
-        moving = DynamicPlanner.of_elevation(dem, CELL_M, goal, vehicle=vehicle)
-        moving.move(start, 90.0)
+        moving = drives(dem, start, 90.0, goal, vehicle)
         for heading in (0.0, 180.0, None):
             moving.set_goal(goal, heading)
-            ends = {"start_heading_deg": 90.0, "goal_heading_deg": heading}
-            fresh = planner(dem, vehicle).plan(start, goal, method="astar", **ends)
-            assert moving.replan().cost <= 1.06 * fresh.cost
+            best = best_cost(dem, start, 90.0, goal, vehicle, heading)
+            assert moving.replan().cost <= 1.06 * best
 
 
 def test_a_plan_at_the_goal_leaves_no_costs_that_mislead_the_next():
@@ -631,8 +608,7 @@ def test_a_plan_at_the_goal_leaves_no_costs_that_mislead_the_next():
 def test_a_path_of_arcs_is_left_where_it_is_blocked_and_joined_again(monkeypatch):
     monkeypatch.setattr(joining, "JOIN_EXPANSIONS", 1 << 16)
     dem = np.zeros((160, 240))
-    moving = DynamicPlanner.of_elevation(dem, CELL_M, (80, 220), vehicle=CAR)
-    moving.move((80, 15), 90.0)
+    moving = drives(dem, (80, 15), 90.0, (80, 220))
     for time_s in np.geomspace(2e-4, 4e-3, 12):
         assert moving.replan(time_limit_s=time_s).status in ("OK", "TIMEOUT")
     first = moving.replan()
@@ -645,11 +621,9 @@ def test_a_path_of_arcs_is_left_where_it_is_blocked_and_joined_again(monkeypatch
         assert again.ok and again.source is Source.STANDING
         assert again.path[-100:].tolist() == first.path[-100:].tolist()
         assert pose_oracles.breaks_at(dem, CELL_M, CAR, *driven(again)) is None
-        fresh = planner(dem, CAR).plan(cell, (80, 220), method="astar", start_heading_deg=90.0)
-        assert again.lower_bound <= fresh.cost * (1.0 + 1e-5) and fresh.cost <= again.cost * (
-            1.0 + 1e-5
-        )
-        assert again.cost <= 1.02 * fresh.cost
+        best = best_cost(dem, cell, 90.0, (80, 220))
+        assert again.lower_bound <= best * (1.0 + 1e-5)
+        assert best * (1.0 - 1e-5) <= again.cost <= 1.02 * best
     moving.update_elevation(
         79, 110, np.full((2, 2), 2.0)
     )  # farther on than where it is joined as a rule
@@ -668,8 +642,7 @@ def test_a_clear_path_is_driven_to_its_end_though_its_dear_part_comes_last(seed,
     monkeypatch.setattr(joining, "JOIN_EXPANSIONS", 1)
     vehicle = replace(CAR, turning_radius_m=1.5, reverse_cost=2.0, gear_change_m=2.0)
     dem = rocks(seed, 44, 52, 0.012)
-    moving = DynamicPlanner.of_elevation(dem, CELL_M, (35, 44), vehicle=vehicle)
-    moving.move((8, 8), 90.0)
+    moving = drives(dem, (8, 8), 90.0, (35, 44), vehicle)
     plan = moving.replan()
     while len(plan.path) > 2:
         moving.move(tuple(plan.path[1].tolist()), float(plan.headings_deg[1]))
@@ -686,8 +659,7 @@ def test_a_way_around_what_blocks_the_path_joins_it_close_behind(monkeypatch):
         return search(joiner, query)
 
     monkeypatch.setattr(joining.Joiner, "search", noted)
-    moving = DynamicPlanner.of_elevation(np.zeros((80, 240)), CELL_M, (40, 220), vehicle=CAR)
-    moving.move((40, 20), 90.0)
+    moving = drives(np.zeros((80, 240)), (40, 20), 90.0, (40, 220))
     moving.replan()
     moving.update_elevation(39, 35, np.full((3, 2), 2.0))
     assert moving.replan().ok
@@ -709,8 +681,7 @@ def test_a_goal_that_no_arc_leads_to_is_found_out_from_there(method):
 
 def test_once_much_of_the_map_has_changed_a_path_is_searched_for():
     dem = rocks(3, 120, 120, 0.004)
-    moving = DynamicPlanner.of_elevation(dem, CELL_M, (100, 100), vehicle=CAR)
-    moving.move((15, 15), 130.0)
+    moving = drives(dem, (15, 15), 130.0, (100, 100))
     sources = [moving.replan().source]
     for side in (25, 60):
         dem[-side:, :side] += 0.001  # far from the path

@@ -18,6 +18,7 @@ from nnpp_edge.runtime import (
 from tests import oracles
 from tests.fuzz import bodies
 from tests.pose_oracles import rocks
+from tests.strategies import uniform
 
 CLOSE = 1e-5
 """g is kept in float32."""
@@ -153,7 +154,7 @@ def test_the_bound_of_a_bodys_path_leaves_out_turns_on_the_spot_at_its_ends(ends
 
 def test_the_bound_of_a_mended_path_is_what_a_path_costs_at_the_least():
     """D* Lite does not say what it refused."""
-    cost = (0.05 + 0.3 * np.random.default_rng(2).random((120, 120))).astype(np.float32)
+    cost = uniform(2, (120, 120), 0.05, 0.35)
     cost[60, 10:110] = np.inf
     at = (10, 10)
     goal = (110, 110)

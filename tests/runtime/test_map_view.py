@@ -153,8 +153,7 @@ def watched_network():
 
 
 def test_a_network_in_two_parts_is_shown_the_map_again_once_enough_has_changed():
-    rng = np.random.default_rng(4)
-    cost = (rng.random((256, 256)) * 0.4).astype(np.float32)
+    cost = uniform(4, (256, 256), 0.0, 0.4)
     dynamic = watched_network()
     static = watched_network()
     planners = DynamicPlanner(cost, (240, 240), "nnpp", model=dynamic), Planner(cost, model=static)
@@ -224,7 +223,7 @@ def test_a_change_outside_its_window_is_not_shown_to_a_network_and_one_inside_is
 
 def test_how_much_has_changed_counts_by_the_window_not_by_the_map():
     network = watched_network()
-    cost = np.random.default_rng(7).random((1400, 1400)).astype(np.float32) * np.float32(0.3)
+    cost = uniform(7, (1400, 1400), 0.0, 0.3)
     state = state_of(cost)
     view = MapView(state, network, UNSEEN_CHANGE)
     ends = ((220, 120), (260, 160))

@@ -15,7 +15,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime import DynamicPlanner, Planner, Vehicle, memory, warmup
+from nnpp_edge.runtime import DynamicPlanner, Ground, Planner, Vehicle, memory, warmup
 from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.memory import (
     available_bytes,
@@ -26,6 +26,10 @@ from nnpp_edge.runtime.memory import (
     virtual_zeros,
 )
 from nnpp_edge.runtime.planners import methods
+from tests.strategies import uniform
+
+BODY = Vehicle(1.5, 1.2, 0.3)
+CAR = replace(BODY, turning_radius_m=2.0, reverse_cost=2.0)
 
 
 def test_memory_is_there_values_stay_and_what_may_not_be_written_is_left_alone():
@@ -172,9 +176,8 @@ def test_a_map_too_large_for_memory_is_refused_before_anything_is_allocated(monk
     with pytest.raises(InvalidMapError, match=r"wanted 0\.9 GB"):
         check_planner_fits((4096, 4096), memory.DIRECTED_BYTES_PER_CELL)
     wide = np.broadcast_to(np.float32(0.0), (4096, 4096))
-    body = Vehicle(1.5, 1.2, 0.3)
-    car = replace(body, turning_radius_m=2.0, reverse_cost=2.0)
-    for vehicle, gigabytes in ((body, 3.0), (car, 3.6), (replace(car, gear_change_m=1.0), 5.7)):
+    geared = replace(CAR, gear_change_m=1.0)
+    for vehicle, gigabytes in ((BODY, 3.0), (CAR, 3.6), (geared, 5.7)):
         with pytest.raises(InvalidMapError, match=f"wanted {gigabytes} GB"):
             Planner.of_elevation(wide, 0.25, vehicle=vehicle)
     with pytest.raises(InvalidMapError, match="at most 2000000000 cells"):
@@ -182,7 +185,7 @@ def test_a_map_too_large_for_memory_is_refused_before_anything_is_allocated(monk
 
 
 def test_a_map_in_a_file_is_planned_on_as_one_in_memory():
-    heights = np.random.default_rng(3).normal(0.0, 0.02, (300, 280)).astype(np.float32)
+    heights = uniform(3, (300, 280), 0.0, 0.07)
     filed = memory.filed_zeros(heights.shape, np.float32)
     filed[:] = heights
     plans = [Planner.of_elevation(each, 1.0, warn=False) for each in (heights, filed)]
@@ -193,26 +196,29 @@ def test_a_map_in_a_file_is_planned_on_as_one_in_memory():
     assert not memory.is_filed(heights)
 
 
-@pytest.mark.parametrize("robot", ["point", "slope", "body", "arcs"])
+ROBOTS = (
+    {},
+    {"step_cost": "tobler"},
+    {"vehicle": Vehicle(radius_m=1.0)},
+    {"vehicle": BODY},
+    {"vehicle": CAR},
+)
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
 @pytest.mark.parametrize("method", ["auto", "corridor", "dstar"])
 def test_a_planner_that_is_dropped_leaves_its_maps_memory_at_once(robot, method):
-    body = Vehicle(1.5, 1.2, 0.3)
-    car = replace(body, turning_radius_m=2.0)
-    ground = {
-        "point": {},
-        "slope": {"step_cost": "tobler"},
-        "body": {"vehicle": body},
-        "arcs": {"vehicle": car},
-    }[robot]
-    heights = np.random.default_rng(0).normal(0.0, 0.03, (96, 96)).astype(np.float32)
-    gc.collect()
+    heights = uniform(0, (96, 96), 0.0, 0.1)
+    ground = Ground.of_elevation(heights, 0.25, **robot)
     gc.disable()  # which would find what only refers to itself
     try:
-        planner = DynamicPlanner.of_elevation(heights, 0.25, (80, 80), method=method, **ground)
-        planner.move((10, 10))
-        assert planner.replan().ok
-        kept = weakref.ref(planner.state.grid)
-        del planner
-        assert kept() is None
+        moving = DynamicPlanner(ground, (80, 80), method)
+        moving.move((10, 10))
+        assert moving.replan().ok
+        planner = Planner(ground)
+        assert planner.plan((10, 10), (80, 80), method="corridor").ok
+        kept = [weakref.ref(each.state.grid) for each in (moving, planner)]
+        del moving, planner
+        assert not any(each() for each in kept)
     finally:
         gc.enable()

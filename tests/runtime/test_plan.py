@@ -28,7 +28,7 @@ from nnpp_edge.runtime.errors import ConcurrentUseError
 from nnpp_edge.runtime.planners.standing_path import Footing
 from tests import oracles
 from tests.fuzz.sequences import interrupting
-from tests.strategies import flat
+from tests.strategies import flat, uniform
 
 SHAPE = (210, 250)
 START = (8, 9)
@@ -36,7 +36,7 @@ GOAL = (200, 240)
 
 
 def rough(seed=3):
-    return (np.random.default_rng(seed).random(SHAPE) * 0.6).astype(np.float32)
+    return uniform(seed, SHAPE, 0.0, 0.6)
 
 
 def facts(value):

@@ -22,7 +22,7 @@ from nnpp_edge.runtime.search.astar import Query, Search
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.tuning import REFINE_FROM, CorridorWidth
 from tests import oracles
-from tests.strategies import state_of
+from tests.strategies import state_of, uniform
 
 SHAPE = (120, 160)
 QUERY = Query((4, 5), (110, 150))
@@ -32,8 +32,8 @@ LATE = Search.without_path(Status.TIMEOUT)
 
 
 def rough(shape=SHAPE):
-    cost = (np.random.default_rng(7).random(shape) * 0.8).astype(np.float32)
-    cost[np.random.default_rng(8).random(shape) < 0.1] = np.inf
+    cost = uniform(7, shape, 0.0, 0.8)
+    cost[uniform(8, shape) < 0.1] = np.inf
     cost[4, 5] = cost[110, min(150, shape[1] - 1)] = cost[110, 100] = 0.1
     return cost
 
@@ -202,7 +202,7 @@ def test_every_number_is_used_by_its_name_and_stands_with_its_unit():
 def test_from_refine_from_on_a_learned_region_is_searched_coarsely_first(network):
     size = tuning.REFINE_FROM
     for side, coarsely in ((size - 1, False), (size, True)):
-        cost = (np.random.default_rng(0).random((side, 60)) * 0.6).astype(np.float32)
+        cost = uniform(0, (side, 60), 0.0, 0.6)
         plan = Planner(cost, model=network, ask_from=0).plan((1, 1), (side - 2, 50), method="nnpp")
         assert plan.ok and ("coarse" in plan.timings_ms) == coarsely
 

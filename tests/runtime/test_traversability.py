@@ -58,7 +58,7 @@ LIMITS = [
 @given(
     dems(),
     st.sampled_from(LIMITS),
-    st.sampled_from([(1.0, 1.0), (20.0, 20.0), (2.0, 1.7)]),
+    st.sampled_from(CELLS),
     st.sampled_from("fdFTs"),
 )
 def test_the_cost_equals_the_oracles_whatever_the_layout(dem, limits, cell, layout):

@@ -32,16 +32,22 @@ START = (4, 6)
 GOAL = (120, 118)
 
 
+def by_block(cells):
+    return cells.reshape(16, FACTOR, 16, FACTOR).mean((1, 3))
+
+
 def coarse(prior="slope", limits=LIMITS, **options):
-    means = (
-        HEIGHTS.reshape(16, FACTOR, 16, FACTOR).mean((1, 3), dtype=np.float64).astype(np.float32)
-    )
+    means = by_block(HEIGHTS.astype(np.float64)).astype(np.float32)
     return Planner.of_coarse(means, FACTOR * CELL_M, FACTOR, limits, prior=prior, **options)
 
 
 def weights(planner):
     planner.state.grid.complete()
     return planner.state.grid.map().copy()
+
+
+def prices_of(planner):
+    return np.kron(planner.state.unseen.layers[0], np.ones((FACTOR, FACTOR), np.float32))
 
 
 def patches(rng, count):
@@ -66,10 +72,6 @@ def test_a_map_of_which_all_cells_were_seen_is_one_of_elevations():
             and plan.known == len(plan.path)
         )
     assert np.array_equal(weights(seen), weights(known))
-
-
-def by_block(cells):
-    return cells.reshape(16, FACTOR, 16, FACTOR).mean((1, 3))
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -102,7 +104,7 @@ def test_what_is_known_does_not_depend_on_the_order_or_on_when_a_search_looked(s
 
 def test_where_nothing_was_seen_a_path_costs_by_the_prices_of_blocks():
     planner = coarse("slope")
-    prices = np.repeat(np.repeat(planner.state.unseen.layers[0], FACTOR, 0), FACTOR, 1)
+    prices = prices_of(planner)
     assert prices.min() >= 0.0 and prices.max() <= MOST_PRICE and len(np.unique(prices)) > 20
     scale = 2.0 * MOST_PRICE  # else the dearest would be impassable
     priced = Planner(prices / np.float32(scale), omega=scale * PAPER_OMEGA)
@@ -143,7 +145,7 @@ def test_a_cell_weighs_by_its_own_heights_once_it_was_seen_and_the_path_says_how
     planner.update_elevation(0, 0, HEIGHTS[grid, grid])
     costs = weights(planner) / (255.0 * PAPER_OMEGA)
     whole = traversability_cost(HEIGHTS, CELL_M, Traversability(), warn=False)
-    prices = np.repeat(np.repeat(planner.state.unseen.layers[0], FACTOR, 0), FACTOR, 1)
+    prices = prices_of(planner)
     assert costs[:39, :39] == pytest.approx(whole[:39, :39], abs=1e-6)
     assert costs[48:, 48:] == pytest.approx(prices[48:, 48:])
     plan = planner.plan((5, 5), GOAL)
@@ -281,8 +283,9 @@ def test_poses_at_the_edge_of_what_was_seen_are_not_refused_for_want_of_the_rest
         0.45 * CELL_M * np.arange(128.0), 0.1 * CELL_M * np.arange(128.0)
     ).astype(np.float32)
     body = Vehicle(100.0, 80.0, 20.0, max_tilt_deg=25.0, max_step_m=20.0)
-    means = heights.reshape(16, FACTOR, 16, FACTOR).mean((1, 3))
-    planner = Planner.of_coarse(means, FACTOR * CELL_M, FACTOR, prior="slope", vehicle=body)
+    planner = Planner.of_coarse(
+        by_block(heights), FACTOR * CELL_M, FACTOR, prior="slope", vehicle=body
+    )
     planner.update_elevation(30, 30, heights[30:70, 30:70])
     assert (
         planner.state.grid.robot.moves.poses.standing()[:, 5:-5, 5:-5] < FAILS
@@ -297,13 +300,13 @@ def test_poses_at_the_edge_of_what_was_seen_are_not_refused_for_want_of_the_rest
 
 def test_what_a_coarse_map_cannot_be_is_refused():
     means = np.zeros((8, 8), np.float32)
-    with pytest.raises(InvalidQueryError, match="factor must be at least 1, got 0"):
-        Planner.of_coarse(means, 1.0, 0)
-    with pytest.raises(InvalidQueryError, match="prior must be one of network, slope, got 'best'"):
-        Planner.of_coarse(means, 1.0, 4, prior="best")
-    with pytest.raises(InvalidMapError, match="a coarse map is for points and bodies"):
-        Planner.of_coarse(means, 1.0, 4, step_cost="tobler")
-    with pytest.raises(InvalidMapError, match="and no radius_m"):
-        Planner.of_coarse(means, 1.0, 4, vehicle=Vehicle(radius_m=1.0))
+    for error, words, given in (
+        (InvalidQueryError, "factor must be at least 1, got 0", {"factor": 0}),
+        (InvalidQueryError, "prior must be one of network, slope, got 'best'", {"prior": "best"}),
+        (InvalidMapError, "a coarse map is for points and bodies", {"step_cost": "tobler"}),
+        (InvalidMapError, "and no radius_m", {"vehicle": Vehicle(radius_m=1.0)}),
+    ):
+        with pytest.raises(error, match=words):
+            Planner.of_coarse(means, 1.0, **{"factor": 4, **given})
     with pytest.raises(InvalidMapError, match="a coarse map has elevations"):
         Ground(means, factor=4)

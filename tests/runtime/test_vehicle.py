@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from nnpp_edge.runtime import (
-    DynamicPlanner,
     Ground,
     Planner,
     Traversability,
@@ -152,21 +151,6 @@ def costs(seed=0, side=40, share=0.004):
     return cost
 
 
-def stands(cost, cell, radius=DISC.radius_m, side=CELL_M):
-    """Whether no obstacle and no edge of the map lies within the radius of a cell's middle."""
-    rows, cols = np.mgrid[-8 : len(cost) + 8, -8 : len(cost[0]) + 8]
-    blocked = np.pad(~(cost < 1.0), 8, constant_values=True)
-    down = np.maximum(np.abs(rows - cell[0]) - 0.5, 0.0) * side
-    along = np.maximum(np.abs(cols - cell[1]) - 0.5, 0.0) * side
-    return not (blocked & (np.hypot(down, along) < radius)).any()
-
-
-def ends(planner):
-    weights = planner.state.grid.map()
-    cells = np.argwhere(np.isfinite(weights))
-    return tuple(cells[0].tolist()), tuple(cells[-1].tolist())
-
-
 def test_a_gap_is_passed_if_it_is_wide_enough():
     for gap, status in ((3, Status.NO_PATH), (9, Status.OK)):
         cost = np.full((40, 60), 0.2, np.float32)
@@ -177,16 +161,6 @@ def test_a_gap_is_passed_if_it_is_wide_enough():
         assert planner.plan((20, 8), (20, 50)).status is status
     planner.update(16, 30, np.full((9, 1), math.inf, np.float32))
     assert planner.plan((20, 8), (20, 50)).status is Status.NO_PATH
-
-
-def test_a_disc_on_a_map_that_changes():
-    planner = DynamicPlanner(
-        costs(1, share=0.0), (30, 30), "dstar", vehicle=DISC, cell_size_m=CELL_M
-    )
-    planner.move((8, 8))
-    assert planner.replan().ok
-    planner.update(18, 0, np.full((1, 40), math.inf, np.float32))
-    assert not planner.standing().valid and planner.replan().status is Status.NO_PATH
 
 
 def test_a_disc_keeps_its_distance_on_cells_and_between_them():
