@@ -111,7 +111,7 @@ def render_command(
 
 
 @dataclass(frozen=True, kw_only=True)
-class Asked:
+class ProfileOptions:
     """Options; None and () where not given."""
 
     profile: Annotated[
@@ -159,7 +159,7 @@ class Asked:
     invoke_without_command=True,
     commands={"compare": compare_command, "render": render_command},
 )
-def command(asked: Asked) -> None:
+def command(asked: ProfileOptions) -> None:
     """Measure the planners on this machine against the budgets of a profile.
 
     Pins to the profile's cores and lets exact A*, corridor, learned region (int8 and fp32) and auto
@@ -200,7 +200,7 @@ def command(asked: Asked) -> None:
     _peers(asked)
 
 
-def _profile(name: str, asked: Asked) -> int:
+def _profile(name: str, asked: ProfileOptions) -> int:
     """Measure, write what was asked for, print the report; the exit code."""
     from nnpp_edge.cli.profile_text import report_text
     from nnpp_edge.files import write_all
@@ -265,7 +265,7 @@ def _page(report: "Facts") -> str:
         return ""
 
 
-def _peers(asked: Asked) -> None:
+def _peers(asked: ProfileOptions) -> None:
     """Measure beside other libraries, write what was asked for, print the table."""
     from nnpp_edge.benchmarks.peers import run
     from nnpp_edge.cli.profile_text import peers_text
