@@ -1,10 +1,9 @@
 """The kernels of D* Lite, by the names of its paper (Koenig and Likhachev, 2002).
 
 The search leads from the goal to the start. A node whose g and rhs differ waits on the open list, a
-heap with four entries below each. Its key is min(g, rhs) + h + km: the paper's second part keeps
-apart a node and those that its cost rests on where the first is equal, which it never is here, as h
-falls by less along a step than the step costs. An entry stays when its node's key rises or its g
-and rhs become equal, until it comes to the top.
+heap with four entries below each. Its key is min(g, rhs) + h + km: the paper's second part tells a
+node from those that its cost rests on where the first is equal, which it never is here, as h falls
+by less along a step than the step costs.
 
 Where steps are directed, ``edges`` is (nodes, 8) float32, what the step that leaves a node in each
 direction costs, else None.
@@ -119,6 +118,7 @@ def _place(slot, key, node, search):
     size = search.size[0]
     below = 4 * slot + 1
     while below < size:
+        # the least of the four below, without a branch
         a = keys[uint64(below)]
         b = keys[uint64(below + 1)]
         c = keys[uint64(below + 2)]
