@@ -24,10 +24,6 @@ from tests import oracles
 from tests.strategies import cases, flat, uniform
 
 
-def free(*shape):
-    return np.full(shape, 0.2, np.float32)
-
-
 def test_planners_run_in_parallel_threads():
     costs = [uniform(i, (300, 300)) for i in range(4)]
     wanted = [plan_path(c, (0, 0), (299, 299), method="astar").cost for c in costs]
@@ -47,7 +43,7 @@ def test_planners_run_in_parallel_threads():
 
 
 def test_near_goals_are_found_by_exact_search_unless_the_way_is_long_and_auto_says_why(network):
-    cost = free(200, 200)
+    cost = flat(200, 200, 0.2)
     cost[100, 2:] = np.inf
     planner = Planner(cost, model=network)
     for goal, sources, methods in (
@@ -72,7 +68,7 @@ def test_near_goals_are_found_by_exact_search_unless_the_way_is_long_and_auto_sa
 
 def test_another_omega_than_the_networks_is_said(network):
     with pytest.warns(UserWarning, match=r"trained for omega = 0\.011"):
-        plan_path(free(80, 80), (0, 0), (70, 70), method="nnpp", omega=0.05, model=network)
+        plan_path(flat(80, 80, 0.2), (0, 0), (70, 70), method="nnpp", omega=0.05, model=network)
 
 
 @given(cases(24), st.integers(1, 6), st.integers(1, 3), st.data())
@@ -198,7 +194,7 @@ def test_what_the_robot_can_reach_is_what_a_path_leads_to():
 
 
 def test_a_path_that_leaves_the_map_is_refused_and_not_read():
-    planner = DynamicPlanner(free(30, 36), (0, 0))
+    planner = DynamicPlanner(flat(30, 36, 0.2), (0, 0))
     for path in ([(5, 5), (30, 5)], [(5, -1)], [(10**6, 5)]):
         with pytest.raises(InvalidQueryError, match=r"path must lie on the map of \(30, 36\)"):
             planner.first_blocked(np.array(path, np.int32))
