@@ -58,9 +58,9 @@ def shared_network(network, request):
     return network if request.param == "sees all at once" else NetworkModel("edge")
 
 
-def static_planner(network):
+def static_planner(network, seed=3):
     """A planner, and the question that its methods are asked."""
-    planner = Planner(rough(), model=network)
+    planner = Planner(rough(seed), model=network)
 
     def plan(method, start):
         return planner.plan(start, GOAL, method=method, keep_regions=True)
@@ -68,9 +68,9 @@ def static_planner(network):
     return planner, plan
 
 
-def dynamic_planner(network):
+def dynamic_planner(network, seed=3):
     """A planner for a map that changes, and the same."""
-    planner = DynamicPlanner(rough(), GOAL, "auto", model=network)
+    planner = DynamicPlanner(rough(seed), GOAL, "auto", model=network)
     planner.prepare()
 
     def plan(method, start):
@@ -152,22 +152,17 @@ def test_regions_are_kept_only_when_asked_for(network, make):
 def test_planners_that_share_a_network_answer_in_turns_as_those_with_one_of_their_own(
     shared_network,
 ):
-    other = NetworkModel(shared_network.path)
-    maps = [rough(seed) for seed in (1, 2)]
-    sharing = [Planner(cost, model=shared_network, ask_from=0) for cost in maps]
-    sharing.append(DynamicPlanner(rough(5), GOAL, "nnpp", model=shared_network))
-    alone = [Planner(cost, model=other.path, ask_from=0) for cost in maps]
-    alone.append(DynamicPlanner(rough(5), GOAL, "nnpp", model=other.path))
+    makes = (static_planner, 1), (static_planner, 2), (dynamic_planner, 5)
+    sharing, alone = (
+        [make(model, seed) for make, seed in makes]
+        for model in (shared_network, shared_network.path)
+    )
     for turn in range(4):
         start = (START[0] + 3 * turn, START[1] + turn)
-        for ours, theirs in zip(sharing, alone, strict=True):
+        for pair in zip(sharing, alone, strict=True):
             plans = []
-            for planner in (ours, theirs):
-                if isinstance(planner, DynamicPlanner):
-                    planner.move(start)
-                    plans.append(planner.replan(keep_regions=True))
-                else:
-                    plans.append(planner.plan(start, GOAL, method="nnpp", keep_regions=True))
+            for planner, plan in pair:
+                plans.append(plan("nnpp", start))
                 planner.update(60, 70 + turn, flat(30, 30, 0.9 - 0.1 * turn))
             one, two = (facts(dataclasses.replace(plan, timings_ms={})) for plan in plans)
             assert one == two

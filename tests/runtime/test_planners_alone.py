@@ -140,12 +140,18 @@ def test_learned_regions_are_searched_in_turn_and_then_the_map(state):
             regions.taken == len(recording.areas) == min(failures + 1, 3)
         )  # none is made before it is needed
         assert regions.asked == [(QUERY.start, QUERY.goal, SHAPE, 0)]
-    methods = Methods(state_of(rough((REFINE_FROM, 120))), ask_from=0)  # searched coarsely
-    methods.regions = GivenRegions(None)
-    recording = Recording(methods.astar)
-    found = methods.network_region(QUERY._replace(goal=(110, 100)), Work(), recording)
-    assert methods.regions.asked[0][2:] == ((REFINE_FROM // 4, 30), 1)
-    assert found.search.status is Status.OK and recording.areas[0] < REFINE_FROM * 120
+    for side, shown in (
+        (REFINE_FROM - 1, (REFINE_FROM - 1, 120)),
+        (REFINE_FROM, (REFINE_FROM // 4, 30)),  # searched coarsely
+    ):
+        methods = Methods(state_of(rough((side, 120))), ask_from=0)
+        methods.regions = GivenRegions(None)
+        recording = Recording(methods.astar)
+        found = methods.network_region(QUERY._replace(goal=(110, 100)), Work(), recording)
+        coarsely = side == REFINE_FROM
+        assert methods.regions.asked[0][2:] == (shown, coarsely)
+        assert found.search.status is Status.OK
+        assert [area < side * 120 for area in recording.areas] == [True] * coarsely
 
 
 def test_a_networks_regions_widen_and_hold_start_and_goal(state, network):
@@ -197,14 +203,6 @@ def test_every_number_is_used_by_its_name_and_stands_with_its_unit():
     table = Path(inspect.getfile(tuning))
     sources = "".join(path.read_text() for path in table.parent.rglob("*.py") if path != table)
     assert named <= set(re.findall(r"[A-Z][A-Z_]+", sources))
-
-
-def test_from_refine_from_on_a_learned_region_is_searched_coarsely_first(network):
-    size = tuning.REFINE_FROM
-    for side, coarsely in ((size - 1, False), (size, True)):
-        cost = uniform(0, (side, 60), 0.0, 0.6)
-        plan = Planner(cost, model=network, ask_from=0).plan((1, 1), (side - 2, 50), method="nnpp")
-        assert plan.ok and ("coarse" in plan.timings_ms) == coarsely
 
 
 def test_auto_goes_by_distance_size_network_and_body(network):
