@@ -25,6 +25,7 @@ from nnpp_edge.robot.ros2 import session as sessions
 from nnpp_edge.robot.ros2.inputs import TOPICS
 from nnpp_edge.robot.ros2.node import PlannerNode
 from nnpp_edge.runtime import Loop
+from nnpp_edge.runtime.loop import settings
 from tests.robot.conftest import wait_until
 
 pytestmark = pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning")  # of rosidl's
@@ -237,7 +238,7 @@ def raising(*_, **__):
 
 @pytest.mark.parametrize(
     ("module", "name"),
-    [(nodes, "ground_of"), (nodes, "Navigator"), (nodes, "Session"), (sessions, "Loop")],
+    [(nodes, "ground_of"), (settings, "Navigator"), (nodes, "Session"), (sessions, "Loop")],
 )
 def test_whatever_fails_on_the_way_to_a_new_map_the_loop_before_goes_on(
     alone, monkeypatch, module, name
