@@ -26,13 +26,14 @@ def crossed(points, closed):
     by fractions.
     """
     found = set()
-    for (r0, c0), (r1, c1) in itertools.pairwise(points.tolist()):
-        a = (Fraction(r0), Fraction(c0))
-        b = (Fraction(r1), Fraction(c1))
-        for row in range(math.floor(min(r0, r1)) - 1, math.ceil(max(r0, r1)) + 2):
-            for col in range(math.floor(min(c0, c1)) - 1, math.ceil(max(c0, c1)) + 2):
-                if meets(a, b, (row, col), closed):
-                    found.add((row, col))
+    for a, b in itertools.pairwise(points.tolist()):
+        around = (
+            range(math.floor(min(each)) - 1, math.ceil(max(each)) + 2)
+            for each in zip(a, b, strict=True)
+        )
+        begin, end = (tuple(map(Fraction, each)) for each in (a, b))
+        cells = itertools.product(*around)
+        found |= {cell for cell in cells if meets(begin, end, cell, closed)}
     return found
 
 

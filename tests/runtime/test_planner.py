@@ -1,6 +1,6 @@
 """`Planner` from the outside: methods, statuses, several goals, reach, and sizes of maps."""
 
-import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -25,21 +25,13 @@ from tests.strategies import cases, flat, uniform
 
 
 def test_planners_run_in_parallel_threads():
+    def costs_of(cost):
+        planner = Planner(cost)
+        return [planner.plan((0, 0), (299, 299), method="astar").cost for _ in range(5)]
+
     costs = [uniform(i, (300, 300)) for i in range(4)]
-    wanted = [plan_path(c, (0, 0), (299, 299), method="astar").cost for c in costs]
-    found = [0.0] * 4
-
-    def work(i):
-        planner = Planner(costs[i])
-        for _ in range(5):
-            found[i] = planner.plan((0, 0), (299, 299), method="astar").cost
-
-    threads = [threading.Thread(target=work, args=(i,)) for i in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert found == wanted
+    with ThreadPoolExecutor(4) as pool:
+        assert list(pool.map(costs_of, costs)) == list(map(costs_of, costs))
 
 
 def test_near_goals_are_found_by_exact_search_unless_the_way_is_long_and_auto_says_why(network):

@@ -348,21 +348,6 @@ def test_a_tour_turns_at_its_stops_where_it_can_and_pays_for_that():
     assert found
 
 
-def test_the_bound_of_a_standing_path_holds_for_bodies_that_begin_in_any_direction():
-    rng = np.random.default_rng(2)  # on flat ground no other direction is cheaper on the way
-    dem = rng.normal(0.0, 0.05, (40, 40)).astype(np.float32)
-    goal = (31, 24)
-    moving = DynamicPlanner.of_elevation(dem, CELL_M, goal, vehicle=SMALL, method="astar")
-    moving.move((8, 8))
-    path = moving.replan().path.tolist()
-    assert len({tuple(leg) for leg in np.diff(path, axis=0).tolist()}) > 1, "it turns"
-    for cell in map(tuple, path[:-1]):
-        moving.move(cell)
-        assert moving.standing().lower_bound <= fresh(dem).plan(cell, goal, method="astar").cost * (
-            1.0 + 1e-5
-        )
-
-
 def test_a_path_pays_for_its_turns_and_makes_none_that_fails(planner):
     made = planner(np.zeros((40, 40)))
     ended = set()
