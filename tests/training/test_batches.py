@@ -144,7 +144,7 @@ def planes_of_a_run(monkeypatch, source, judged_on, folder, pauses):
     set_of.mkdir(parents=True)
     shutil.copy(source / "dataset.json", set_of)
     seen = []
-    step = training.Run.step
+    step = training.TrainingProcess.step
 
     def recorded(run, batch):
         if run.progress.step in APPEARS:
@@ -152,7 +152,7 @@ def planes_of_a_run(monkeypatch, source, judged_on, folder, pauses):
         seen.append(batch[0].clone())
         step(run, batch)
 
-    monkeypatch.setattr(training.Run, "step", recorded)
+    monkeypatch.setattr(training.TrainingProcess, "step", recorded)
     shutil.copy(source / "shard-00000.npz", set_of)
     for steps in pauses:
         settings = TrainSettings(batch=8, steps=steps, validations=1, warmup_steps=1)
