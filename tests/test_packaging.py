@@ -65,9 +65,7 @@ def heavy_modules(code, names):
         f"\nimport sys; print(*sorted({names!r} & {{name.partition('.')[0] for name in "
         "sys.modules}))"
     )
-    ended = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=False
-    )
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert ended.returncode == 0, ended.stderr
     return ended.stdout.split()
 
@@ -169,7 +167,7 @@ def test_a_strict_package_outside_passes_and_its_mistakes_are_found(tmp_path):
         ROOT / ".mypy_cache/consumer",
         "consumer.py",
     ]
-    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     problems = [line for line in ended.stdout.splitlines() if ": error: " in line]
     last = len(CONSUMER.splitlines())
     assert ended.returncode == 1 and not ended.stderr, ended.stdout + ended.stderr

@@ -42,12 +42,10 @@ def plan_towards(
         beyond = np.isfinite(moves.costs_of_cells(grid, query.goal, memory, query.deadline))
     beyond[query.goal] = True
     costs = moves.costs_of_cells(grid, query.start, memory, query.deadline)
-    costs[query.goal] = math.inf
+    unknown = state.unknown()
     margin = state.reach_cells + 2
     for _ in range(_PLACES):
-        place = place_towards(
-            query.goal, query.start, costs, beyond, state.unknown(), margin, present
-        )
+        place = place_towards(query.goal, query.start, costs, beyond, unknown, margin, present)
         plan = plan_to(query._replace(goal=place, wanted=None))
         if plan.status is not Status.NO_PATH:
             break

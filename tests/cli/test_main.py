@@ -69,7 +69,6 @@ def test_ctrl_c_prints_nothing_before_the_command_begins_and_as_the_interpreter_
             [sys.executable, "-c", LISTENING + script],
             capture_output=True,
             text=True,
-            check=False,
         )
         assert (ended.returncode, ended.stderr) == (-signal.SIGINT, "")
         assert ended.stdout.startswith(out)

@@ -124,7 +124,6 @@ def python(code, *words, **changes):
         env=environment(**changes),
         capture_output=True,
         text=True,
-        check=False,
     )
 
 
@@ -179,7 +178,6 @@ def test_a_warm_up_has_every_kernel_of_the_runtime_and_after_it_no_plan_compiles
         [sys.executable, "-c", VERSIONS % PLAN_EVERYTHING],
         capture_output=True,
         text=True,
-        check=False,
     )
     assert ended.returncode == 0, ended.stderr
     found = json.loads(ended.stdout)

@@ -79,6 +79,11 @@ class Alone:
         parameters = [Parameter(name, value=value) for name, value in values.items()]
         self.node.set_parameters(parameters)
 
+    def begin_to_drive(self, message):
+        self.begin()
+        self.hear["map"](message)
+        self.drive()
+
     def drive(self):
         """Stand at one end of a room, and be sent to the other."""
         self.stand()
@@ -190,9 +195,7 @@ def test_what_is_refused_leaves_the_loop_as_it_was(alone):
 def test_what_cannot_be_gone_to_stops_who_follows_and_is_told(alone):
     message = grid()
     message.data[20 * 60 + 30] = 100
-    alone.begin()
-    alone.hear["map"](message)
-    alone.drive()
+    alone.begin_to_drive(message)
     for x, y, words in (
         (400.0, 1.0, "GOAL_OUTSIDE_MAP: the map has (40, 60) cells"),
         (7.6, 5.1, "GOAL_BLOCKED: the goal is impassable"),
@@ -243,9 +246,7 @@ def raising(*_, **__):
 def test_whatever_fails_on_the_way_to_a_new_map_the_loop_before_goes_on(
     alone, monkeypatch, module, name
 ):
-    alone.begin()
-    alone.hear["map"](grid())
-    alone.drive()
+    alone.begin_to_drive(grid())
     before = alone.path()
     other = grid(origin=at(-0.5, -0.5))
     with monkeypatch.context() as patched:
@@ -288,9 +289,7 @@ BAD_POSES = (
 
 
 def test_a_pose_that_is_refused_makes_the_one_before_no_younger(alone):
-    alone.begin()
-    alone.hear["map"](grid())
-    alone.drive()
+    alone.begin_to_drive(grid())
     assert alone.path()
     alone.set(odom_timeout_s=0.2)
     for pose, words in BAD_POSES:
@@ -311,9 +310,7 @@ def test_a_pose_that_is_refused_makes_the_one_before_no_younger(alone):
 
 
 def test_a_map_that_is_too_old_stops_who_follows_though_poses_come(alone):
-    alone.begin()
-    alone.hear["map"](grid())
-    alone.drive()
+    alone.begin_to_drive(grid())
     assert alone.path()
     alone.set(map_timeout_s=0.3)
 

@@ -199,7 +199,11 @@ def test_where_arcs_do_not_lead_to_a_place_another_is_approached():
     car = Vehicle(4.3, 1.8, 0.3, turning_radius_m=5.0, reverse_cost=1.5)
     planner = DynamicPlanner.of_elevation(dem, 0.25, (112, 112), vehicle=car, warn=False)
     planner.move((10, 10))
-    assert planner.replan(approach=True).ok
+    plan = planner.replan(approach=True)
+    assert plan.ok
+    end = tuple(plan.path[-1].tolist())
+    planner.set_goal(end, 0.0)  # no path arrives so: there all the same
+    assert tuple(planner.replan(approach=True).path[-1]) == end
 
 
 def test_the_way_over_the_edge_of_the_unknown_is_the_shortest():

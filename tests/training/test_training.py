@@ -256,7 +256,6 @@ def test_two_processes_under_torchrun_learn_as_one_does(dataset, tmp_path):
         capture_output=True,
         text=True,
         timeout=150,
-        check=False,
     )
     assert ended.returncode == 0, ended.stderr[-2000:]
     history = json.loads((tmp_path / "two" / "history.json").read_text())
