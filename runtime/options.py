@@ -7,10 +7,7 @@ default. Nothing heavy is imported, so that `--help` is instant.
 """
 
 import math
-from collections.abc import Callable
-from functools import cache, partial
-from pkgutil import resolve_name
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypedDict
+from typing import TYPE_CHECKING, Annotated, NamedTuple, TypedDict
 
 from msgspec import Meta
 
@@ -21,8 +18,6 @@ if TYPE_CHECKING:
     from nnpp_edge.runtime.robots.slope.cost import Mobility
     from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
-Find = Callable[..., Any]
-_resolved = cache(resolve_name)
 CELLS = "cells"
 STATES = "states"
 """What a robot's search goes over: points and discs, and bodies (`robots.robot.CellMoves`)."""
@@ -53,12 +48,6 @@ class Entry(NamedTuple):
     """Whether it is one of the others, by figures."""
     in_slices: bool = False
     """Whether the loop may let it go on from tick to tick."""
-
-    def finder(self, methods: object) -> Find:
-        """What finds, for these `Methods`."""
-        by_itself = ":" in self.find
-        find: Find = _resolved(self.find) if by_itself else getattr(methods, self.find)
-        return partial(find, methods) if by_itself else find
 
     def refusal(self, over: str) -> str:
         """Why it does not plan for a robot whose search goes over cells or states; else empty."""

@@ -16,7 +16,7 @@ from nnpp_edge.runtime.robots.slope.cost import Mobility, SlopeCost
 Line = Int32 | Floats
 """(N, 2) row and column: cells of a path, or way points between them."""
 Heights = Float32s | Floats
-_ON_FOOT = Mobility()
+ON_FOOT = Mobility()
 
 
 class Numbers(NamedTuple):
@@ -57,7 +57,7 @@ class Along:
     places: Line
     sampled_m: Heights
     sides_m: tuple[float, float]
-    mobility: Mobility = _ON_FOOT
+    mobility: Mobility = ON_FOOT
     walker: SlopeCost | None = None
 
     @classmethod
@@ -66,7 +66,7 @@ class Along:
         line: Line,
         heights: Heights,
         sides_m: tuple[float, float],
-        mobility: Mobility = _ON_FOOT,
+        mobility: Mobility = ON_FOOT,
         like: "Along | None" = None,
     ) -> "Along":
         """A line over heights (H, W), metres, NaN where unknown; places and walker as of the line

@@ -260,14 +260,13 @@ class MapState:
         """
         if self.heights is None or self.sides_m is None:
             return None
-        from nnpp_edge.runtime.map.along import Along, crossings
-        from nnpp_edge.runtime.robots.slope.cost import Mobility
+        from nnpp_edge.runtime.map.along import ON_FOOT, Along, crossings
 
         places = crossings(line) if at is None else at
         slope_cost = self._slope_cost
         walker = slope_cost if slope_cost is not None and slope_cost.function else None
         metres = self.heights.metres_at(places)
-        return Along(places, metres, self.sides_m, self._mobility or Mobility(), walker)
+        return Along(places, metres, self.sides_m, self._mobility or ON_FOOT, walker)
 
     @property
     def reach_cells(self) -> int:

@@ -29,10 +29,11 @@ from nnpp_edge.runtime.planners.on_map import (
     split,
 )
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Plan, Source
-from nnpp_edge.runtime.planners.query import Found, Work, problem_with
+from nnpp_edge.runtime.planners.query import Found, problem_with
 from nnpp_edge.runtime.planners.searching import Finder, Options, Searching
 from nnpp_edge.runtime.planners.standing_path import Departure, Footing, Standing, StandingPath
 from nnpp_edge.runtime.search.astar import Query, Search
+from nnpp_edge.runtime.stopwatch import Work
 from nnpp_edge.runtime.tuning import BEFORE_BLOCK, GOAL_MOVES, JOIN_MS, MOST_AHEAD
 
 if TYPE_CHECKING:
@@ -157,7 +158,7 @@ class DynamicPlanner(OnMap):
         if self._state.unseen is not None:
             _ = self._methods.blocks
         elif self.method.entry.needs:
-            _ = self._methods.descent  # pooled now, so that the first plan does not wait for it
+            self._methods.descent.update()  # pooled now, so that the first plan does not wait for it
         standing = self._standing
         if standing is not None and self._leads_to_goal:
             with suppress(InvalidQueryError):  # it may not be walkable any more
@@ -504,7 +505,7 @@ class DynamicPlanner(OnMap):
         ends = query.start, query.goal
         # `Found.of` adds what the height between the ends is worth
         bound = grid.least_cost(*ends) - float(grid.robot.price.worth(*ends))
-        found = Found.of(grid, Search(Status.OK, path, 0, bound), Source.STANDING, None, work)
+        found = Found.of(grid, Search(Status.OK, path, 0, bound), Source.STANDING, None)
         return found.plan(DynamicMethod(by), work, self._state, choice=_JOINED)
 
     def _join(self, query: Query, *, as_good: bool) -> Plan | None:

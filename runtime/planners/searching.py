@@ -7,10 +7,10 @@ from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.planners.methods import Methods
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan
-from nnpp_edge.runtime.planners.query import Work
 from nnpp_edge.runtime.planners.slices import InSlices
 from nnpp_edge.runtime.planners.standing_path import StandingPath
 from nnpp_edge.runtime.search.astar import Query
+from nnpp_edge.runtime.stopwatch import Work
 
 _NEARER = "no path leads to the goal: as near to it as there is a way"
 
@@ -54,9 +54,7 @@ class Finder(NamedTuple):
         return replace(instead, choice=_NEARER) if instead.ok else plan
 
     def _to_goal(self, query: Query, work: Work, options: Options) -> Plan:
-        wanted = options.method
-        ways = self.methods.ways(wanted, query)
-        return self.methods.plan(query, work, wanted, ways, keep_regions=options.keep_regions)
+        return self.methods.plan(query, work, options.method, keep_regions=options.keep_regions)
 
 
 class Searching:

@@ -19,14 +19,12 @@ R = TypeVar("R")
 class _Slices(Deadline):
     """The deadline of a call in slices: it never passes, but searches pause by it."""
 
-    def __init__(self) -> None:
-        super().__init__()
-        self.slice = NEVER
+    slice = NEVER
 
-    @property
-    def until(self) -> float:
-        """When the slice ends."""
-        return self.slice.at
+    def begin(self, slice: Deadline) -> None:
+        """Work until then."""
+        self.slice = slice
+        self.until = slice.at
 
     def goes_on(self) -> bool:
         """True, after a pause if the slice is over."""
@@ -63,7 +61,7 @@ class InSlices(Generic[R]):
     def work(self, until: Deadline) -> R | None:
         """Go on until then: what the call returns, or None while it has not ended."""
         if self._result is None:
-            self._slices.slice = until
+            self._slices.begin(until)
             self._greenlet.parent = getcurrent()
             self._result = cast(R | None, self._greenlet.switch(self._slices))
         return self._result

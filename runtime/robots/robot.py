@@ -26,7 +26,7 @@ from nnpp_edge.runtime.search.astar import (
     Search,
     Spreading,
     astar,
-    settle_all,
+    cost_field,
     spreading,
 )
 from nnpp_edge.runtime.search.region import Region
@@ -56,20 +56,19 @@ class Stance:
     reach: Cell = (0, 0)
     """Rows and columns from a cell to those that are below it on its way from there."""
 
-    @property
-    def checks(self) -> int:
-        """Number of poses that have been checked so far."""
-        return 0
+    checks = 0
+    """Number of poses that have been checked so far."""
 
     def weights(self, grid: "Grid") -> Float32s:
         """(nodes,) inf where no step may lead; empty where the moves' states decide."""
         return grid.weights
 
-    def stands_at(self, grid: "Grid", cell: Cell) -> bool:
-        """Whether a cell of the map can be stood on."""
+    def stands_at(self, grid: "Grid", *cells: Cell) -> list[bool]:
+        """Whether each of these cells of the map can be stood on."""
         if grid.tiles is not None:
-            grid.tiles.open_at(*cell)
-        return math.isfinite(grid.weights[grid.node(*cell)])
+            for cell in cells:
+                grid.tiles.open_at(*cell)
+        return [math.isfinite(grid.weights[grid.node(*cell)]) for cell in cells]
 
     def touched(
         self, change: "Change", part: Rectangle, state: "MapState", *, heights: bool
@@ -107,24 +106,15 @@ class Price:
 
     def walk(self, grid: "Grid", path: Cells, first: int, costs: Floats) -> int:
         """As `Grid.walk`."""
-        if grid.tiles is not None:
-            grid.tiles.open_along(path[first:])
         return int(walk(grid.packed, path, first, costs))
 
     def costs_of(self, grid: "Grid", path: Cells) -> PathCosts:
         """Cost, length in cells and CC of a path, summed in float64; inf for an empty one."""
         if not len(path):
             return math.inf, math.inf, math.inf
-        if grid.tiles is not None:  # a search may not have read all of it
-            grid.tiles.open_along(path)
-        straight, diagonal, by_straight, by_diagonal, total = measure(
-            grid.weights, grid.stride, path
-        )
-        length_s, length_d, weight_s, weight_d = grid.model.steps
-        lengths = length_s * straight + length_d * diagonal
-        weights = weight_s * by_straight + weight_d * by_diagonal
+        cost, straight, diagonal, total = measure(grid.packed, path)
         scale = grid.model.scale
-        return lengths + weights, straight + SQRT2 * diagonal, total / scale if scale else 0.0
+        return cost, straight + SQRT2 * diagonal, total / scale if scale else 0.0
 
     def worth(self, start: Cell, end: Cell | None = None) -> Float32s | float:
         """By how much a path to `end`, or to each cell, costs more than its steps as searches take
@@ -256,8 +246,6 @@ class CellMoves:
 
         InvalidQueryError for headings of a robot that has none.
         """
-        if start_deg is None and goal_deg is None:
-            return -1, None
         raise InvalidQueryError(
             "start_heading_deg and goal_heading_deg want a vehicle's body on elevations"
         )
@@ -286,9 +274,7 @@ class CellMoves:
         """(H, W) costs of ways from a cell to all others, inf where there are none; of a body they
         are those of cells, whatever the direction, and promise too little.
         """
-        settle_all(grid, start, memory, deadline=deadline)
-        costs: Float32s = grid.inner(memory.costs()) + grid.robot.price.worth(start)
-        return costs
+        return cost_field(grid, start, memory, deadline)
 
     def why_ended(
         self, grid: "Grid", start: Cell, goal: Cell, memory: Workspace, deadline: Deadline

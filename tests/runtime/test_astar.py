@@ -11,11 +11,11 @@ from nnpp_edge.runtime import Planner, Region
 from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.map.grid import Grid
-from nnpp_edge.runtime.planners.query import Work
 from nnpp_edge.runtime.planners.searchers import AStarSearcher
 from nnpp_edge.runtime.search.astar import Query, astar, cost_field
 from nnpp_edge.runtime.search.landmarks import Landmarks
 from nnpp_edge.runtime.search.workspace import LAST_STAMP, Workspace
+from nnpp_edge.runtime.stopwatch import Work
 from nnpp_edge.runtime.terrain.step_cost import StepModel
 from tests import oracles
 from tests.strategies import cases, flat, state_of, uniform

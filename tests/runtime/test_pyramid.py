@@ -10,11 +10,11 @@ from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.pyramid import Pyramid, coarse_shapes
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseLevel, CoarseToFine
-from nnpp_edge.runtime.planners.query import Work
 from nnpp_edge.runtime.planners.searchers import AStarSearcher
 from nnpp_edge.runtime.search.astar import Query, astar, settle_all
 from nnpp_edge.runtime.search.landmarks import Landmarks
 from nnpp_edge.runtime.search.workspace import Workspace
+from nnpp_edge.runtime.stopwatch import Work
 from nnpp_edge.runtime.terrain.step_cost import StepModel
 from nnpp_edge.runtime.tuning import ANOTHER_LEVEL_FROM, CORRIDOR
 from tests.strategies import flat, state_of, uniform
@@ -165,6 +165,7 @@ def test_a_level_that_is_searched_often_gets_landmarks_until_the_map_changes(
     goal = (1, 7 if side == 12 else side - 2)
     searcher = AStarSearcher(state)
     coarse_to_fine = CoarseToFine(state, searcher.workspace)
+    coarse_to_fine.update()
     coarse = coarse_to_fine.coarse_levels[0]
     query = Query(start, goal)
     top = 1

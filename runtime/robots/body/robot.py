@@ -69,14 +69,14 @@ class BodyStance(Stance):
         self.reach = poses.reach
 
     @property
-    def checks(self) -> int:
+    def checks(self) -> int:  # type: ignore[override]  # a number of the class in others
         return self.poses.checked
 
     def weights(self, grid: "Grid") -> Float32s:
         return np.empty(0, np.float32)
 
-    def stands_at(self, grid: "Grid", cell: Cell) -> bool:
-        return self.poses.stands_at(cell)
+    def stands_at(self, grid: "Grid", *cells: Cell) -> list[bool]:
+        return [self.poses.stands_at(cell) for cell in cells]
 
     def touched(
         self, change: "Change", part: Rectangle, state: "MapState", *, heights: bool
