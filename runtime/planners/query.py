@@ -48,12 +48,12 @@ class Found(NamedTuple):
     @classmethod
     def of(cls, grid: Grid, search: Search, source: Source, region: Region | None) -> "Found":
         """Of a search of the map, or of a region of it."""
-        costs = grid.costs_of(search.path)
+        path = search.path  # of a search: it lies on the map
+        costs = grid.robot.price.costs_of(grid, path)
         bound = 0.0
         if search.status is Status.OK:
             # g is kept in float32: a refused cell's f may be too high by its rounding
-            start, goal = search.path[[0, -1], :2].tolist()
-            worth = float(grid.robot.price.worth(start, goal))
+            worth = float(grid.robot.price.worth(path[0, :2], path[-1, :2]))
             bound = min(costs[0], search.refused_f * (1.0 - 1e-6) + worth)
         return cls(search, source, *costs, bound, region)
 
