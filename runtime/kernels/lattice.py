@@ -69,7 +69,6 @@ from nnpp_edge.runtime.kernels.records import (
     RIGHT,
     THERE,
     TO,
-    Area,
     CellJudge,
     Ends,
     Field,
@@ -83,7 +82,6 @@ from nnpp_edge.runtime.kernels.records import (
     Poses,
     Prices,
     Region,
-    Searched,
     Seeds,
     StateJudge,
     StateRule,
@@ -411,54 +409,6 @@ def fill_field(poses, edges, prices, region, seeds, ends, rule, memory, limits):
     memory.reals[REFUSED] = front.refused
     memory.counts[EXPANSIONS] = expansions
     return code, expansions, front.refused
-
-
-@kernel
-def least_of_cells(searched, frame, area, nodes, costs, onwards):
-    """Least costs of cells near a goal, as a search of states from the goal has them.
-
-    Parameters
-    ----------
-    searched
-        `Searched`: bodies stand the other way round than on their way to the goal.
-    frame, area
-        `Frame`; `Area` of the cells that are looked at, numbered within the border.
-    nodes, costs, onwards : (2, N)
-        Written: cells, what they cost, and the direction in which the way on leaves them; in the
-        first row by states that are still open, in the second by settled ones. N cells are in
-        `area`.
-
-    Returns
-    -------
-    (int, int)
-        How many are written into each row.
-    """
-    searched = borrowed(Searched(*searched))
-    frame = Frame(*frame)
-    area = Area(*area)
-    found = 0
-    open_cells = 0
-    for settled in range(2):
-        open_cells = found
-        found = 0
-        for row in range(area.row0, area.row1):
-            for col in range(area.col0, area.col1):
-                node = row * frame.stride + col
-                least = float32(inf)
-                for local in range(1 << frame.bits):
-                    state = _state(node, local, frame)
-                    word = searched.meta[2 * state + 1]
-                    wanted = word >> STAMP_SHIFT == searched.stamp
-                    wanted &= (word & OPEN_BIT == 0) == settled
-                    if wanted and searched.g[2 * state] < least:
-                        least = searched.g[2 * state]
-                        ahead = local + (AXIS_COUNT if local < DIRECTION_COUNT else 0)
-                        onwards[settled, found] = ahead & _DIRECTION_MASK
-                if least < inf:
-                    nodes[settled, found] = node
-                    costs[settled, found] = least
-                    found += 1
-    return open_cells, found
 
 
 # The states
