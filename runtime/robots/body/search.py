@@ -144,6 +144,20 @@ class FromGoal:
             self._ends = self._ends._replace(start=ON)
         return self.expansions - before
 
+    def shut_in(self, workspace: Workspace) -> tuple[Workspace | None, int]:
+        """Memory of a search that came to all, few states, that can be reached from one end; and
+        the expansions. To a goal with a heading it goes on to the last metres.
+        """
+        spent = 0
+        if not self.expansions:
+            flood = spreading(self._grid, workspace, *_at_ends(self.query, workspace.states))
+            ends = Ends(self._ends.goal, self._ends.start)
+            code, _, spent, _ = run(*flood, ends, workspace, AT_ENDS, self.query.deadline)
+            if code == EXHAUSTED:
+                return workspace, spent
+        spent += self.go_on(AT_ENDS if self.query.wanted is None else AROUND_GOAL)
+        return self.memory if self.code == EXHAUSTED else None, spent
+
     @cached_property
     def last_metres(self) -> tuple[Seeds, Seeds] | None:
         """Least costs of the cells that it came to: of those where it stopped, from which all ways
@@ -208,19 +222,12 @@ def search_states(
     most = limit or WITHOUT_END
     until = most
     spent = 0
-    exhausted = None
     if from_goal is not None:
         until = LATE_ON_MAP if region is None else LATE_IN_REGION
-        if not from_goal.expansions:  # perhaps few states can be reached from one end
-            flood = spreading(grid, workspace, starting, at_goal)
-            code, _, spent, _ = run(*flood, ends, workspace, AT_ENDS, deadline)
-            exhausted = workspace if code == EXHAUSTED else None
-        spent += from_goal.go_on(AT_ENDS if query.wanted is None else AROUND_GOAL)
-        if from_goal.code == EXHAUSTED:
-            exhausted = from_goal.memory
-    if exhausted is not None:
-        nothing = Search.without_path(Status.NO_PATH, spent, columns=columns)
-        return nothing._replace(exhausted=exhausted)
+        exhausted, spent = from_goal.shut_in(workspace)
+        if exhausted is not None:
+            nothing = Search.without_path(Status.NO_PATH, spent, columns=columns)
+            return nothing._replace(exhausted=exhausted)
     # fill the field, from the goal to the start
     refused_at_least = math.inf if region is None else octile_cost(grid, query)
     assert workspace.field is not None
