@@ -867,8 +867,9 @@ class StateJudge(NamedTuple):
     """By what the cost that is left from a state is judged."""
 
     frame: Frame
-    goal_row: int
-    goal_col: int
+    row: int
+    col: int
+    """The goal, within the border."""
     legs: Legs
     field: Field
 

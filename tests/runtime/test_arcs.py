@@ -311,7 +311,7 @@ def test_a_corridor_to_a_goal_with_a_heading_is_hardly_more_work_than_the_whole_
         headings = {"start_heading_deg": begin, "goal_heading_deg": heading}
         exact, other = of_both(made, start, goal, **headings)
         assert exact.status is other.status and (not exact.ok or other.cost <= 1.02 * exact.cost)
-        assert other.expansions <= 1.25 * exact.expansions
+        assert other.expansions <= (1.25 * exact.expansions if exact.ok else 4_000)
 
 
 @pytest.mark.parametrize("headings", ({"start_heading_deg": 270.0}, {"goal_heading_deg": 270.0}))

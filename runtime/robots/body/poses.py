@@ -228,14 +228,11 @@ class Poses:
         path: Cells,
         first: int,
         costs: Floats,
-        edges: Float32s = NO_EDGES,
         prices: Prices | None = None,
     ) -> int:
-        """As `Grid.walk`, by these prices, and by what legs cost in each direction, (nodes, 16), if
-        given.
-        """
+        """As `Grid.walk`, by these prices if given."""
         walk = walk_primitives if path.shape[1] == 3 else walk_states
-        return int(walk(self.packed, edges, tuple(prices or self.prices), path, first, costs))
+        return int(walk(self.packed, tuple(prices or self.prices), path, first, costs))
 
     def steps(self, path: Cells) -> "PathMotions":
         """The motions along a path: legs between its cells (N, 2), or primitives between its states

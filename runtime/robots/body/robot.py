@@ -18,7 +18,7 @@ from nnpp_edge.runtime.robots.body.attitude import PoseCheck, explain
 from nnpp_edge.runtime.robots.body.poses import NO_EDGES, Poses, between
 from nnpp_edge.runtime.robots.body.refusal import why_blocked, why_ended
 from nnpp_edge.runtime.robots.body.search import (
-    LastMetres,
+    FromGoal,
     States,
     costs_of_cells,
     may_open,
@@ -141,8 +141,8 @@ class BodyMoves(CellMoves):
         self.states_a_node = len(poses.prices.moves)
         self.shortest = KNIGHT * poses.primitives.shortest
         self.readiness = float(poses.prices.turns.max())
-        self._last_metres: tuple[Query, LastMetres | None] | None = None
-        """Those of the newest query."""
+        self._from_goal: FromGoal | None = None
+        """Of the newest query."""
 
     def at_ends(self, query: Query) -> float:
         turns = int(query.direction >= 0) + int(query.wanted is not None)
@@ -173,23 +173,19 @@ class BodyMoves(CellMoves):
         hints: Hints | None = None,
         limit: int | None = None,
     ) -> Search:
-        """As `Robot.search`; a query's last metres are searched once for all of its regions, and
-        not for a short search.
+        """As `Robot.search`; one search from the goal serves all regions of a query, but for
+        a short search and where legs cost otherwise one way than the other.
         """
-        if limit is not None:
-            return search_states(grid, query, workspace, region, None, limit)
-        spent = 0
-        if self._last_metres is None or self._last_metres[0] is not query:
-            found = LastMetres.to(grid, grid.robot.states(), query, workspace)
-            self._last_metres = query, found
-            spent = found.expansions if found else 0
-        _, last_metres = self._last_metres
-        search = search_states(grid, query, workspace, region, last_metres)
-        return search._replace(expansions=search.expansions + spent)
+        from_goal = None
+        if limit is None and grid.robot.price.edges() is None:
+            from_goal = self._from_goal
+            if from_goal is None or from_goal.query is not query:
+                from_goal = self._from_goal = FromGoal(grid, query, workspace.from_goal)
+        return search_states(grid, query, workspace, region, from_goal, limit)
 
     def spreading(self, grid: "Grid", workspace: Workspace, links: Links = None) -> Spreading:
-        states = grid.robot.states()
-        return spreading(grid, states, workspace, np.ones(workspace.states, np.bool_))
+        everywhere = np.ones(workspace.states, np.bool_)
+        return spreading(grid, workspace, everywhere, ~everywhere)
 
     def walk_turns(self, grid: "Grid", path: Cells, first: int, costs: Floats, metre: float) -> int:
         prices = self._turns_by(metre)
