@@ -21,6 +21,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
+from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.loop.messages import Origin, PathMessage
 from nnpp_edge.runtime.loop.workers import CountError
@@ -55,10 +56,12 @@ class Tick:
     """Monotonic seconds."""
     deadline: float
     """Reading of the clock."""
-    known: PathMessage
-    """The answer as far as it is known: number, map, start and goal."""
-    standing: Standing | None = None
-    """The standing path, while it is valid."""
+    number: int
+    map_version: int = 0
+    start: Cell | None = None
+    start_moved: bool = False
+    goal: Cell | None = None
+    """As in `PathMessage`, as far as they are known."""
     failures: list[Failure] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -75,9 +78,17 @@ class Tick:
 
     def no_path(self, outcome: Status, reason: str, *, degraded: bool = False) -> PathMessage:
         """The answer without a path."""
-        ms = 1e3 * (self.clock() - self._started)
-        return replace(
-            self.known, outcome=outcome, reason=reason, degraded=degraded, planning_ms=ms
+        return PathMessage(
+            self.number,
+            outcome,
+            Origin.NONE,
+            start=self.start,
+            goal=self.goal,
+            start_moved=self.start_moved,
+            degraded=degraded,
+            reason=reason,
+            map_version=self.map_version,
+            planning_ms=1e3 * (self.clock() - self._started),
         )
 
 
@@ -107,90 +118,71 @@ class Ladder:
         self._tolerance = tolerance
         self._count_error = count_error
         self._slice_s = slice_s
-        self._in_slices = planner.method.entry.in_slices
-        """Whether the method asked for works so."""
         self._expected_s = 0.0
-        """Time that it is expected to take, if not."""
+        """Time that the method asked for is expected to take, if it does not work in slices."""
 
     def answer(self, tick: Tick) -> PathMessage:
         """The answer of the first rung that gives one; `tick` holds afterwards what failed on the
         way.
         """
-        standing = self._planner.standing()
-        tick.standing = standing if standing.valid else None
+        planner = self._planner
+        standing = planner.standing()
+        is_good = standing.valid and standing.added <= self._tolerance * abs(standing.cost)
+        if is_good and not planner.search_due:
+            kept = self._kept(tick, standing, "it still holds")
+            if kept is not None:
+                return kept
         return (
-            self._standing_while_good(tick)
-            or self._planned_in_full(tick)
-            or self._planned_by_corridor(tick)
-            or self._standing_path(tick, tick.failures[0].reason)
-            or self._joined(tick)
-            or self._as_far_as_clear(tick)
+            self._planned_in_full(tick)
+            or self._planned_by_corridor(tick, standing)
+            or self._kept(tick, standing, tick.failures[0].reason)
+            or self._led(tick, planner.joined, "a short way leads along the path planned before")
+            or self._led(tick, planner.clear_part, "the standing path is clear as far as this")
             or self._all_failed(tick)
         )
 
     # --- the rungs: an answer, or None, with what failed noted in the tick
 
-    def _standing_while_good(self, tick: Tick) -> PathMessage | None:
-        standing = tick.standing
-        if standing is None or standing.added > self._tolerance * abs(standing.cost):
-            return None
-        if self._planner.search_due:
-            return None
-        message = self._standing_path(tick, "it still holds")
-        if message is None:
-            tick.standing = None
-        return message
-
     def _planned_in_full(self, tick: Tick) -> PathMessage | None:
-        if self._in_slices:
-            return self._planned(tick, Origin.FULL)
-        if self._planner.searching:
-            tick.fail("timeout", "the search of a corridor goes on")
-            return None
-        if self._expected_s > max(tick.left_s, _LEAST_PLANNING_S):
-            self._expected_s *= _FORGET
-            tick.fail("late", "by its last times the full method would be late")
-            return None
+        planner = self._planner
+        if not planner.method.entry.in_slices:
+            if planner.searching:
+                tick.fail("timeout", "the search of a corridor goes on")
+                return None
+            if self._expected_s > max(tick.left_s, _LEAST_PLANNING_S):
+                self._expected_s *= _FORGET
+                tick.fail("late", "by its last times the full method would be late")
+                return None
         return self._planned(tick, Origin.FULL)
 
-    def _planned_by_corridor(self, tick: Tick) -> PathMessage | None:
-        if self._in_slices and tick.failures[-1].kind == "timeout":
+    def _planned_by_corridor(self, tick: Tick, standing: Standing) -> PathMessage | None:
+        in_slices = self._planner.method.entry.in_slices
+        if in_slices and tick.failures[-1].kind == "timeout":
             return None  # it has just had its slice
-        if tick.standing is not None and tick.left_s <= 0.0:
+        if standing.valid and tick.left_s <= 0.0:
             return None  # the standing path takes no time
         return self._planned(tick, Origin.CORRIDOR, DynamicMethod.CORRIDOR)
 
-    def _standing_path(self, tick: Tick, reason: str) -> PathMessage | None:
-        standing = tick.standing
+    def _kept(self, tick: Tick, standing: Standing, reason: str) -> PathMessage | None:
+        """The standing path, if it is valid."""
         plan = self._planner.standing_plan
-        if standing is None or plan is None:
+        if plan is None or not standing.valid:
             return None
         rest = plan.rest(standing.index)
-        left = replace(rest, cost=standing.cost, lower_bound=standing.lower_bound)
-        freed = self._planner.refined(left)
-        return self._path(tick, freed, Origin.STANDING, reason) if freed.ok else None
+        rest = replace(rest, cost=standing.cost, lower_bound=standing.lower_bound)
+        return self._path(tick, rest, Origin.STANDING, reason)
 
-    def _joined(self, tick: Tick) -> PathMessage | None:
-        if tick.failures[-1].kind != "timeout":
-            return None
-        plan = self._planner.joined()
-        if plan is None:
-            return None
-        reason = f"{tick.failures[-1].reason}; a short way leads along the path planned before"
-        return self._path(tick, self._planner.refined(plan), Origin.STANDING, reason)
-
-    def _as_far_as_clear(self, tick: Tick) -> PathMessage | None:
-        part = self._planner.clear_part()
-        if part is None:
-            return None
-        freed = self._planner.refined(part)
-        reason = f"{tick.failures[-1].reason}; the standing path is clear as far as this"
-        return self._path(tick, freed, Origin.STANDING, reason) if freed.ok else None
+    def _led(self, tick: Tick, path: Callable[[], Plan | None], why: str) -> PathMessage | None:
+        """What else is left of the standing path while a search goes on."""
+        failure = tick.failures[-1]
+        plan = path() if failure.kind == "timeout" else None
+        reason = f"{failure.reason}; {why}"
+        return None if plan is None else self._path(tick, plan, Origin.STANDING, reason)
 
     def _all_failed(self, tick: Tick) -> PathMessage:
         late = any(failure.kind in ("late", "timeout") for failure in tick.failures)
-        reason = tick.failures[-1].reason
-        return tick.no_path(Status.TIMEOUT if late else Status.UNKNOWN, reason, degraded=True)
+        outcome = Status.TIMEOUT if late else Status.UNKNOWN
+        return tick.no_path(outcome, tick.failures[-1].reason, degraded=True)
 
     # --- their parts
 
@@ -199,13 +191,12 @@ class Ladder:
     ) -> PathMessage | None:
         """The answer by a new plan, by default by the method asked for."""
         began = tick.clock()
-        in_slices = self._in_slices or (method is not None and method.entry.in_slices)
+        in_slices = (method or self._planner.method).entry.in_slices
         left_s = tick.left_s
         if in_slices and left_s < math.inf:
-            slice_s = self._slice_s
-            if self._planner.has_path:  # which is the answer until the search has ended
-                slice_s *= _SHARE_WITH_PATH
-            left_s = min(left_s, slice_s)
+            # what there is to follow is the answer until the search has ended
+            share = _SHARE_WITH_PATH if self._planner.has_path else 1.0
+            left_s = min(left_s, share * self._slice_s)
         try:
             plan = self._planner.replan(
                 method=method,
@@ -214,12 +205,12 @@ class Ladder:
                 approach=self._approach,
             )
         except Exception as error:
-            _LOG.warning("planning by %s raised", method or self._planner.method, exc_info=True)
+            _LOG.warning("planning of %s raised", origin, exc_info=True)
             self._count_error(str(origin))
             tick.fail("raised", one_line(error))
             return None
-        took_s = tick.clock() - began
         if method is None:
+            took_s = tick.clock() - began
             mean = 0.8 * self._expected_s + 0.2 * took_s
             self._expected_s = max(took_s, mean if plan.ok else self._expected_s)
         if plan.status is Status.TIMEOUT:
@@ -235,33 +226,30 @@ class Ladder:
 
     def _path(self, tick: Tick, plan: Plan, origin: Origin, reason: str) -> PathMessage | None:
         """The plan's path as a message; None if it does not hold on the newest map."""
+        if origin is Origin.STANDING:
+            plan = self._planner.refined(plan)
+            if not plan.ok:
+                return None
         path = plan.path
         version = self._update_map()
-        if tuple(path[0].tolist()) != tick.known.start:
-            _LOG.info("a path from %s is not published: it begins elsewhere", origin)
-            return None
         blocked = self._planner.first_blocked(plan.walked)
-        if blocked >= 0:
-            words = "a path from %s is not published: it cannot be walked at %s"
-            _LOG.info(words, origin, path[blocked].tolist())
+        if blocked >= 0 or tuple(path[0].tolist()) != tick.start:
+            words = "a path from %s is not published: it begins elsewhere, or is blocked at cell %d"
+            _LOG.info(words, origin, blocked)
             return None
         state = self._planner.state
-        known = None
-        priced: Plan | Standing = plan
-        if version != tick.known.map_version:
+        if version != tick.map_version:
             # the map has changed since: way points are not checked on it
             plan = replace(plan, waypoints=None, line_cost=math.inf)
             standing = self._planner.standing()
-            priced = standing if standing.valid else plan
-        if state.unseen is not None:
-            anew = origin is Origin.STANDING or version != tick.known.map_version
-            known = state.known_along(path) if anew else plan.known
+            if standing.valid:
+                plan = replace(plan, cost=standing.cost, lower_bound=standing.lower_bound)
         row, col = path[-1].tolist()
         return replace(
             tick.no_path(Status.NO_PATH, reason, degraded=bool(tick.failures)),
             outcome=Status.OK,
             goal=(row, col),
-            goal_moved=(row, col) != tick.known.goal,
+            goal_moved=(row, col) != tick.goal,
             origin=origin,
             path=path,
             map_version=version,
@@ -270,11 +258,11 @@ class Ladder:
             states=() if plan.states is None else tuple(plan.states.tolist()),
             headings=() if plan.states is None else tuple(plan.headings_deg.tolist()),
             arcs=plan.arcs,
-            known=known,
+            known=None if state.unseen is None else state.known_along(path),
             waypoints=plan.waypoints,
             line_cost=plan.line_cost,
-            cost=priced.cost,
-            lower_bound=priced.lower_bound,
+            cost=plan.cost,
+            lower_bound=plan.lower_bound,
         )
 
 

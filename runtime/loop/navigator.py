@@ -8,7 +8,6 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import replace
 from itertools import product
 from typing import Unpack
 
@@ -157,8 +156,7 @@ class Navigator:
         `Exception`.
         """
         self._counts["ticks"] += 1
-        unknown = PathMessage(self._counts["ticks"], Status.UNKNOWN, Origin.NONE)
-        tick = Tick(self._clock, deadline, unknown)
+        tick = Tick(self._clock, deadline, self._counts["ticks"])
         try:
             message = self._answer(tick)
         except Exception as error:
@@ -189,40 +187,42 @@ class Navigator:
         with self._inbox:
             pose = self._pose
             goal = self._goal
-        tick.known = replace(tick.known, map_version=self._update_map())
+        tick.map_version = self._update_map()
         if pose is None or goal is None:
             missing = Status.NO_POSE if pose is None else Status.NO_GOAL
             return tick.no_path(missing, "nothing to plan yet")
-        ends = {Status.GOAL_OUTSIDE_MAP: goal.cell, Status.START_OUTSIDE_MAP: pose.cell}
+        planner = self.planner
+        grid = planner.state.grid
+        here = pose.cell
+        target = goal.cell
+        ends = {Status.GOAL_OUTSIDE_MAP: target, Status.START_OUTSIDE_MAP: here}
         for status, cell in ends.items():
-            if not self.map.grid.holds(cell):
-                return tick.no_path(status, f"the map has {self.planner.shape} cells")
-        around = ((pose.cell[0] + row, pose.cell[1] + col) for row, col in self._nearest_first)
-        on_map = filter(self.map.grid.holds, around)
-        start = next(filter(self.planner.is_passable, on_map), None)
+            if not grid.holds(cell):
+                return tick.no_path(status, f"the map has {planner.shape} cells")
+        around = ((here[0] + row, here[1] + col) for row, col in self._nearest_first)
+        start = next(filter(grid.is_passable, filter(grid.holds, around)), None)
         if start is None:
             radius = self._snap_radius
-            unknown = self._unknown_around(pose.cell, radius)
+            unknown = self._unknown_around(here, radius)
             reason = f"no passable cell within {radius} of the robot{unknown}"
             return tick.no_path(Status.START_BLOCKED, reason)
         heading = pose.heading_deg
         passed = None
         if heading is not None:
-            passed = self.planner.passed(pose.row - 0.5, pose.col - 0.5, heading)
-        if passed is not None:
-            start, heading = passed
-        self.planner.move(start, heading)
-        target = goal.cell
-        passable = self.planner.is_passable(target)
-        if not (passable or self._approach):
+            passed = planner.passed(pose.row - 0.5, pose.col - 0.5, heading)
+        moved = passed is None and start != here
+        start, heading = passed or (start, heading)
+        planner.move(start, heading)
+        if not (self._approach or grid.is_passable(target)):
             reason = f"the goal is impassable{self._unknown_around(target)}"
             return tick.no_path(Status.GOAL_BLOCKED, reason)
-        moved = passed is None and start != pose.cell
-        tick.known = replace(tick.known, start=start, start_moved=moved, goal=target)
+        tick.start = start
+        tick.start_moved = moved
+        tick.goal = target
         self._counts["starts_moved"] += moved
         asked = (target, goal.heading_deg)
-        if asked != (self.planner.goal, self.planner.goal_heading_deg):
-            self.planner.set_goal(*asked)
+        if asked != (planner.goal, planner.goal_heading_deg):
+            planner.set_goal(*asked)
         return self._ladder.answer(tick)
 
     def _update_map(self) -> int:
