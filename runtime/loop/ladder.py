@@ -113,6 +113,7 @@ class Ladder:
         approach: bool,
     ) -> None:
         self._planner = planner
+        self._state = planner.state
         self._approach = approach
         self._update_map = update_map
         self._tolerance = tolerance
@@ -232,14 +233,15 @@ class Ladder:
                 return None
         path = plan.path
         version = self._update_map()
-        blocked = self._planner.first_blocked(plan.walked)
+        is_newer = version != tick.map_version
+        blocked = -1
+        if is_newer or origin is not Origin.STANDING:  # that has just been checked
+            blocked = self._planner.first_blocked(plan.walked)
         if blocked >= 0 or tuple(path[0].tolist()) != tick.start:
             words = "a path from %s is not published: it begins elsewhere, or is blocked at cell %d"
             _LOG.info(words, origin, blocked)
             return None
-        state = self._planner.state
-        if version != tick.map_version:
-            # the map has changed since: way points are not checked on it
+        if is_newer:  # way points are not checked on it
             plan = replace(plan, waypoints=None, line_cost=math.inf)
             standing = self._planner.standing()
             if standing.valid:
@@ -258,7 +260,7 @@ class Ladder:
             states=() if plan.states is None else tuple(plan.states.tolist()),
             headings=() if plan.states is None else tuple(plan.headings_deg.tolist()),
             arcs=plan.arcs,
-            known=None if state.unseen is None else state.known_along(path),
+            known=None if self._state.unseen is None else self._state.known_along(path),
             waypoints=plan.waypoints,
             line_cost=plan.line_cost,
             cost=plan.cost,

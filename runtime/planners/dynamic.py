@@ -15,8 +15,9 @@ import numpy as np
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Bool, Cells, Float2D, Int32
 from nnpp_edge.runtime.cells import Cell, apart, as_cell
-from nnpp_edge.runtime.deadline import Deadline
+from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
+from nnpp_edge.runtime.map.changes import Change
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.options import PlannerOptions
@@ -240,13 +241,11 @@ class DynamicPlanner(OnMap):
             raise InvalidQueryError(f"heading_deg must be a number of degrees, got {heading_deg}")
         return self._state.grid.robot.moves.direction(heading_deg)
 
-    def _place(self, time_limit_s: float = math.inf) -> Query:
+    def _place(self, deadline: Deadline = NEVER) -> Query:
         """Where the robot is, and where it is to go."""
         if self._start is None:
             raise InvalidQueryError("wanted a start (move) before the first plan, got none")
-        deadline = Deadline.within(time_limit_s)
-        ends = {"direction": self._direction, "wanted": self._wanted}
-        return Query(self._start, self.goal, deadline=deadline, **ends)
+        return Query(self._start, self.goal, math.inf, deadline, self._direction, self._wanted)
 
     @property
     def searching(self) -> bool:
@@ -261,8 +260,7 @@ class DynamicPlanner(OnMap):
         standing = self.standing_plan
         if self._searching is not None or standing is None:
             return True
-        short = cell_of(standing.path[-1]) != self.goal
-        return short and self._state.log.version != self._searched
+        return self._path.end != self.goal and self._state.log.version != self._searched
 
     @one_at_a_time
     def go_on(self, time_limit_s: float) -> bool:
@@ -320,6 +318,7 @@ class DynamicPlanner(OnMap):
         The system is made to back all of the planner's arrays with memory, so that no later answer
         waits for that.
         """
+        self._load_kernels()
         if self._state.unseen is not None:  # memory goes by what is seen
             return
         memory = self._methods.astar.workspace
@@ -331,6 +330,15 @@ class DynamicPlanner(OnMap):
             self._methods.mending.prepare(self.goal)
         if "network" in self.method.entry.needs:
             self._methods.load_network()
+
+    def _load_kernels(self) -> None:
+        """Load what puts a patch into the map and checks a path, by a patch that shows nothing."""
+        state = self._state
+        cell = (0, 0, 1, 1)
+        put = state.update_elevation if state.has_heights else state.update
+        put(0, 0, np.ones((1, 1), np.float32), np.zeros((1, 1), np.bool_))
+        state.grid.robot.follow(Change(cell, 0), cell, state, heights=state.has_heights)
+        self._path.prepare()
 
     @checked(InvalidQueryError)
     @one_at_a_time
@@ -368,7 +376,7 @@ class DynamicPlanner(OnMap):
         """
         wanted = self.method if method is None else DynamicMethod(method)
         options = Options(wanted, keep_regions, approach)
-        place = self._place(time_limit_s)
+        place = self._place(Deadline.within(time_limit_s))
         joins = wanted is DynamicMethod.AUTO and self._leads_to_goal and not self.search_due
         plan = self._join(place, as_good=True) if joins else None
         if plan is None and goes_on and self._state.unseen is None:
@@ -376,17 +384,12 @@ class DynamicPlanner(OnMap):
         elif plan is None:
             self._searching = None
             self._searched = self._state.log.version
-            plan = find(self._methods, place, Work(), options, self._present)
+            plan = find(self._methods, place, Work(), options, self._path.end)
         if plan.ok and plan.source is not Source.STANDING:
             self._path.set(plan)
             self._aim = (self.goal, self.goal_heading_deg)
             self._looks_ahead = True
         return self._freed(plan, deadline=place.deadline) if self._refines else plan
-
-    @property
-    def _present(self) -> Cell | None:
-        """Where the standing path leads; None without one."""
-        return None if self._path.plan is None else cell_of(self._path.plan.path[-1])
 
     def _in_slices(self, place: Query, options: Options) -> Plan:
         """A plan by a search that goes on from call to call; TIMEOUT while it does."""
@@ -396,7 +399,7 @@ class DynamicPlanner(OnMap):
         self._no_path = None
         searching = self._searching
         if searching is None or not self._serves(searching, place, options):
-            searching = Searching(self._methods, place, options, self._present)
+            searching = Searching(self._methods, place, options, self._path.end)
         self._searching = None  # for good, if it raises
         plan = searching.go_on(place.deadline)
         if plan is None:
@@ -406,7 +409,7 @@ class DynamicPlanner(OnMap):
         if isinstance(found, Plan):
             self._searched = searching.version
             return found
-        self._searching = Searching(self._methods, place, options, self._present)
+        self._searching = Searching(self._methods, place, options, self._path.end)
         return searching.nothing_yet(found)
 
     def _serves(self, searching: Searching, place: Query, options: Options) -> bool:
@@ -441,7 +444,7 @@ class DynamicPlanner(OnMap):
         lead = plan.rest(standing.index, at + 1)
         direction = self._state.grid.robot.moves.arrival(lead.walked)
         ahead = place._replace(start=cell_of(lead.path[-1]), direction=direction)
-        return Searching(self._methods, ahead, searching.options, self._present, lead)
+        return Searching(self._methods, ahead, searching.options, self._path.end, lead)
 
     def _by_now(self, plan: Plan, searching: Searching, place: Query) -> Plan | str:
         """A plan that was searched for while the map, the robot and the goal moved, as it is by
@@ -513,7 +516,7 @@ class DynamicPlanner(OnMap):
         and to the goal that has moved; it is the standing one from now on. None where that is not
         possible in some milliseconds, and on ground that is known coarsely.
         """
-        return self._join(self._place(1e-3 * JOIN_MS), as_good=False)
+        return self._join(self._place(Deadline.within(1e-3 * JOIN_MS)), as_good=False)
 
     @one_at_a_time
     def clear_part(self) -> Plan | None:

@@ -28,6 +28,7 @@ from nnpp_edge.runtime.arrays import Int64
 from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.paths import remember, savings
+from nnpp_edge.runtime.map.changes import Change
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.planners.joining import ON_IT, cell_of, nearest_on
 from nnpp_edge.runtime.planners.plan import Plan
@@ -121,6 +122,8 @@ class StandingPath:
         self.plan: Plan | None = None
         """The plan whose path stands; to be changed by the methods alone."""
         self._way = np.empty((0, 2), np.int32)
+        self.end: Cell | None = None
+        """Where the path leads."""
         self._walked = np.empty(0)
         self._passed = 0
         """Number of the state that a body has passed last."""
@@ -146,6 +149,7 @@ class StandingPath:
         if self._grid.walk(way, 0, walked) >= 0:
             raise InvalidQueryError("a standing path must be walkable on the map it was planned on")
         self.plan = plan
+        self.end = cell_of(way[-1])
         self._way = way
         self._walked = walked
         self._searched = plan.cost
@@ -181,7 +185,7 @@ class StandingPath:
 
     def forget(self) -> None:
         """There is no path to follow."""
-        self.plan = None
+        self.plan = self.end = None
 
     def check(self, at: Cell, direction: int = -1) -> Standing:
         """How the path stands for a robot in the cell `at`, heading in a direction; -1 where it is
@@ -250,17 +254,36 @@ class StandingPath:
                 self._changed += change.cells
                 self._parts.append(change.part)
                 continue
-            noted = (self._before, self._noted, self._touched)
-            self._count = remember(change.nodes, change.old_weights, *noted, self._count)
+            self._note(change)
 
-    def _bounds(self, index: int, at: Cell, direction: int) -> list[float]:
+    def prepare(self) -> None:
+        """Load the kernels that read changes and bound paths."""
+        if not self._by_parts:
+            self._note(Change((0, 0, 0, 0), 0))
+            self._savings((0, 0), (0, 0))
+
+    def _note(self, change: Change) -> None:
+        noted = (self._before, self._noted, self._touched)
+        self._count = remember(change.nodes, change.old_weights, *noted, self._count)
+
+    def _savings(self, at: Cell, goal: Cell) -> tuple[float, float, float]:
+        grid = self._grid
+        noted = (grid.weights, self._before, self._touched, self._count)
+        saved, by_cheaper, by_opened = savings(*noted, grid.stride, at, goal, grid.prices)
+        if not grid.corner_cutting:
+            # beside a cell that was opened, a diagonal step may have become allowed
+            by_opened -= 2.0 * grid.prices[0]
+        return saved * 2.0 * max(grid.model.weight_term), by_cheaper, by_opened
+
+    def _bounds(self, index: int, at: Cell, direction: int) -> tuple[float, float]:
         """No path from a state of the path on costs less now: had the plan been optimal when it was
         made, and by its own bound.
         """
         grid = self._grid
         plan = self.plan
+        goal = self.end
         assert plan is not None
-        goal = cell_of(self._way[-1])
+        assert goal is not None
         whole = self._walked[-1], (1.0 - _ROUNDING) * plan.lower_bound
         bounds = np.array(whole) - self._walked[index]
         if self._by_parts:
@@ -270,15 +293,11 @@ class StandingPath:
             by_changed = self._by_way_of_changed(np.array((at, goal)))
             bounds = np.minimum(bounds, by_changed + float(grid.robot.price.worth(at, goal)))
         else:
-            noted = (grid.weights, self._before, self._touched, self._count)
-            saved, by_cheaper, by_opened = savings(*noted, grid.stride, at, goal, grid.prices)
-            saved *= 2.0 * max(grid.model.weight_term)
-            if not grid.corner_cutting:
-                # beside a cell that was opened, a diagonal step may have become allowed
-                by_opened -= 2.0 * grid.prices[0]
+            saved, by_cheaper, by_opened = self._savings(at, goal)
             cheaper = np.maximum(bounds - saved, by_cheaper)
             bounds = np.minimum(np.minimum(bounds, cheaper), by_opened)
-        return np.maximum(bounds, grid.least_cost(at, goal)).tolist()
+        floor, lower = np.maximum(bounds, grid.least_cost(at, goal)).tolist()
+        return floor, lower
 
     def _by_way_of_changed(self, ends: Int64) -> float:
         """The octile distance between two cells (2, 2) by way of a rectangle that has changed."""
