@@ -41,7 +41,6 @@ from nnpp_edge.runtime.loop.messages import (
 from nnpp_edge.runtime.loop.patches import Patches, Waiting
 from nnpp_edge.runtime.loop.tick import Tick
 from nnpp_edge.runtime.map.ground import Ground
-from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.network.loading import begin_loading
 from nnpp_edge.runtime.options import PlannerOptions
 from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
@@ -128,14 +127,11 @@ class Navigator:
         self.planner = DynamicPlanner(ground, (0, 0), method, refine=refine, **options)
         """Plans on the loop's one map. It belongs to the thread that calls `tick`."""
         self.planner.prepare()
-        self._patches = Patches(self.planner.state)
-
-    @property
-    def map(self) -> MapState:
-        """The map as the last tick left it; its `cost`, `elevation`, `shape` and sides may be read
-        by any thread.
+        self.map = self.planner.state
+        """As the last tick left it; its `cost`, `elevation`, `shape` and sides may be read by any
+        thread.
         """
-        return self.planner.state
+        self._patches = Patches(self.map)
 
     @checked(InvalidMessageError)
     def offer(self, message: Input) -> None:
@@ -211,13 +207,13 @@ class Navigator:
             missing = Status.NO_POSE if pose is None else Status.NO_GOAL
             return tick.no_path(missing, "nothing to plan yet")
         planner = self.planner
-        grid = planner.state.grid
+        grid = self.map.grid
         here = pose.cell
         target = goal.cell
         ends = {Status.GOAL_OUTSIDE_MAP: target, Status.START_OUTSIDE_MAP: here}
         for status, cell in ends.items():
             if not grid.holds(cell):
-                return tick.no_path(status, f"the map has {planner.shape} cells")
+                return tick.no_path(status, f"the map has {grid.shape} cells")
         around = ((here[0] + row, here[1] + col) for row, col in self._nearest_first)
         start = next(filter(grid.is_passable, filter(grid.holds, around)), None)
         if start is None:
@@ -399,5 +395,8 @@ class Navigator:
             standing = self.planner.standing()
             if standing.valid:
                 plan = replace(plan, cost=standing.cost, lower_bound=standing.lower_bound)
-        known = None if self.map.unseen is None else self.map.known_along(path)
+        known = None
+        if self.map.unseen is not None:
+            as_planned = origin is not Origin.STANDING and not is_newer
+            known = plan.known if as_planned else self.map.known_along(path)
         return tick.path(plan, origin, reason, version, known)

@@ -268,7 +268,7 @@ class DynamicPlanner(OnMap):
         False where there is nothing to do.
         """
         searching = self._searching
-        if searching is None or searching.call.ended or not searching.call.is_here:
+        if searching is None or searching.plan is not None or not searching.is_here:
             return False
         self._searching = None  # for good, if it raises
         searching.go_on(Deadline.within(time_limit_s))
@@ -414,7 +414,7 @@ class DynamicPlanner(OnMap):
 
     def _serves(self, searching: Searching, place: Query, options: Options) -> bool:
         """Whether a search can be gone on with: the robot must be able to come to its start."""
-        if searching.options != options or not searching.call.is_here:
+        if searching.options != options or not searching.is_here:
             return False
         return searching.lead is None or self._left_of(searching.lead, place) is not None
 

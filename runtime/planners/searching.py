@@ -1,15 +1,23 @@
-"""A search for a path that goes on from one call to the next."""
+"""A search for a path that is worked at in slices of time, with pauses between them in which the
+map may change.
 
+It stops where a slice ends, in the middle of what it does, and goes on there in the next one. So no
+code on the way has to know of it. What it finds on a map that changes meanwhile is to be checked on
+the newest.
+"""
+
+import threading
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, cast
+
+from greenlet import getcurrent, greenlet
 
 from nnpp_edge.runtime.cells import Cell
-from nnpp_edge.runtime.deadline import Deadline
+from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.planners.methods import Methods
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan
 from nnpp_edge.runtime.planners.query import Work
-from nnpp_edge.runtime.planners.slices import InSlices
 from nnpp_edge.runtime.search.astar import Query
 
 _NEARER = "no path leads to the goal: as near to it as there is a way"
@@ -49,9 +57,33 @@ def find(
     return replace(instead, choice=_NEARER) if instead.ok else plan
 
 
+class _Slices(Deadline):
+    """The deadline of a search in slices: it never passes, but the search pauses by it."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.slice = NEVER
+
+    @property
+    def until(self) -> float:
+        """When the slice ends."""
+        return self.slice.at
+
+    def goes_on(self) -> bool:
+        """True, after a pause if the slice is over."""
+        if self.slice.passed:
+            parent = getcurrent().parent
+            assert parent is not None
+            parent.switch(None)
+        return True
+
+
 class Searching:
-    """A search that goes on from one call to the next, while the map, the robot and the goal may
-    move. It holds no planner: that is free once nobody uses it.
+    """A search that goes on from one call to the next, in one thread alone, while the map, the
+    robot and the goal may move.
+
+    Where it is dropped before it has ended, it lets go of all that it holds, once what it had to
+    tidy up is done. It holds no planner: that is free once nobody uses it.
 
     `present` as for `find`. `lead` is the part of the standing path to the place where the search
     starts; None where that is the robot's.
@@ -81,19 +113,40 @@ class Searching:
         """Since then."""
         self.slices = 0
         """How many it has had."""
-        self.call = InSlices(search)
+        self.plan: Plan | None = None
+        """What it found, once it has ended."""
+        self._slices = _Slices()
+        self._search = greenlet(search)
+        self._thread = threading.get_ident()
+
+    @property
+    def is_here(self) -> bool:
+        """Whether this thread began it: no other can go on with it."""
+        return self._thread == threading.get_ident()
 
     def go_on(self, until: Deadline) -> Plan | None:
         """Search until then; the plan, once that is there."""
-        self.work.resumes()
-        plan = self.call.work(until)
-        self.work.pauses()
-        self.slices += 1
-        return plan
+        if self.plan is None:
+            self._slices.slice = until
+            self._search.parent = getcurrent()
+            self.work.resumes()
+            self.plan = cast(Plan | None, self._search.switch(self._slices))
+            self.work.pauses()
+            self.slices += 1
+        return self.plan
+
+    def __del__(self) -> None:
+        if self.is_here:
+            self._search.throw()
 
     def nothing_yet(self, reason: str) -> Plan:
         """TIMEOUT, as there is no plan yet that can be driven."""
         method = self.options.method
-        expansions = self.work.expansions
         known = Method(method.entry.keeps or method)
-        return Plan(Status.TIMEOUT, known, planner=method, expansions=expansions, reason=reason)
+        return Plan(
+            Status.TIMEOUT,
+            known,
+            planner=method,
+            expansions=self.work.expansions,
+            reason=reason,
+        )
