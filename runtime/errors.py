@@ -103,3 +103,8 @@ def shown(value: object) -> str:
         return " ".join(repr(value).split())[:80]
     except Exception:  # a whole number of 5,000 digits, say
         return f"a {type(value).__name__}"
+
+
+def one_line(error: BaseException) -> str:
+    """An error's type and message in one line."""
+    return " ".join(f"{type(error).__name__}: {error}".split())

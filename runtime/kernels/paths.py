@@ -55,14 +55,14 @@ def measure(grid, path):
 
 
 @kernel
-def remember(nodes, old_weights, before, noted, stamp, touched, count):
+def remember(nodes, old_weights, before, noted, touched, count):
     """Note what changed nodes weighed before, unless that is noted; how many nodes are
     noted now.
     """
     for n in range(len(nodes)):
         node = nodes[n]
-        if noted[node] != stamp:
-            noted[node] = stamp
+        if not noted[node]:
+            noted[node] = True
             before[node] = old_weights[n]
             touched[count] = node
             count += 1

@@ -1,7 +1,6 @@
 """Inputs and outputs of the onboard loop."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from typing import Annotated
@@ -12,6 +11,9 @@ from nnpp_edge.runtime.arrays import Cells, Float2D, Floats, as_map, headings_al
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidMapError, NnppEdgeError, Status, shown
 from nnpp_edge.runtime.robots.body.arcs import Arc
+
+_WANTED = {int: "a whole", float: "a finite", float | None: "a finite"}
+"""Numbers of messages, by the type of the attribute."""
 
 
 class InvalidMessageError(NnppEdgeError, ValueError):
@@ -70,7 +72,7 @@ class MapPatch:
                 f"a patch's cost must be at least 0, got one of {np.nanmin(values):g}"
             )
         object.__setattr__(self, name, values)
-        _check_numbers(self, ["row", "col"], ["stamp"])
+        _check_numbers(self)
         if not isinstance(self.keep_known, bool | np.bool_):
             raise InvalidMessageError(
                 f"a patch's keep_known must be True or False, got {shown(self.keep_known)}"
@@ -102,7 +104,7 @@ class Pose:
     """In which a body stands, clockwise from grid north; None: a path begins in any direction."""
 
     def __post_init__(self) -> None:
-        _check_numbers(self, [], ["row", "col", "stamp", *_given(self)])
+        _check_numbers(self)
 
     @property
     def cell(self) -> Cell:
@@ -123,7 +125,7 @@ class Goal:
     """In which a body is to arrive, clockwise from up the rows; None: in any. A point has none."""
 
     def __post_init__(self) -> None:
-        _check_numbers(self, ["row", "col"], ["stamp", *_given(self)])
+        _check_numbers(self)
 
     @property
     def cell(self) -> Cell:
@@ -297,26 +299,22 @@ class StatusMessage:
 Output = PathMessage | StatusMessage
 
 
-def _given(message: Pose | Goal) -> list[str]:
-    """The heading's name, where there is one."""
-    return [] if message.heading_deg is None else ["heading_deg"]
-
-
-def _check_numbers(message: Input, whole: Sequence[str], finite: Sequence[str]) -> None:
-    """InvalidMessageError unless these attributes are whole, or finite, numbers; whole ones become
-    ints.
+def _check_numbers(message: Input) -> None:
+    """InvalidMessageError unless its whole numbers are such, and the others finite; whole ones
+    become ints.
     """
-    for names, kind, wanted in ((whole, int, "a whole"), (finite, float, "a finite")):
-        for name in names:
-            value = getattr(message, name)
-            try:
-                fits = bool(kind(value) == value) and math.isfinite(value)
-            except (TypeError, ValueError, OverflowError):
-                fits = False
-            if not fits:
-                owner = "patch" if isinstance(message, MapPatch) else type(message).__name__.lower()
-                raise InvalidMessageError(
-                    f"a {owner}'s {name} must be {wanted} number, got {shown(value)}"
-                )
-            if kind is int:
-                object.__setattr__(message, name, int(value))
+    for name, kind in type(message).__annotations__.items():
+        value = getattr(message, name)
+        if kind not in _WANTED or (value is None and kind == float | None):
+            continue
+        number = int if kind is int else float
+        try:
+            fits = bool(number(value) == value) and math.isfinite(value)
+        except (TypeError, ValueError, OverflowError):
+            fits = False
+        if not fits:
+            owner = type(message).__name__.removeprefix("Map").lower()
+            wanted = f"a {owner}'s {name} must be {_WANTED[kind]} number"
+            raise InvalidMessageError(f"{wanted}, got {shown(value)}")
+        if kind is int:
+            object.__setattr__(message, name, int(value))

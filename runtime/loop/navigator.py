@@ -1,5 +1,18 @@
-"""One tick of the onboard loop: take the newest inputs, update the planner's map, answer by the
-`Ladder`.
+"""One tick of the onboard loop, top to bottom: the newest inputs are put into the planner's map and
+asked about, and a ladder of ways is climbed, of which the first that gives an answer counts.
+
+1. The standing path, if it is valid and cannot have become worse than the loop's tolerance. 2. The
+method asked for, unless by its last times it would be late. 3. The corridor planner. 4. The
+standing path, if it is valid at all. 5. The standing path, joined to where the robot is and to the
+goal that has moved. 6. A part of the standing path, up to the place from which a search goes on.
+7. An outcome that says what failed.
+
+Corridors, and thus ``auto``, are searched for in slices: a search that has not ended after its
+slice goes on once the answer is out, and in the next tick. So no tick is late by them, however
+large the map.
+
+Every path is checked cell by cell before it is published, on a map that has all patches that came
+before the check.
 """
 
 import logging
@@ -14,8 +27,7 @@ from typing import Unpack
 
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.cells import Cell, slices, widened
-from nnpp_edge.runtime.errors import InvalidQueryError, Status
-from nnpp_edge.runtime.loop.ladder import Ladder, Tick, one_line
+from nnpp_edge.runtime.errors import InvalidQueryError, Status, one_line
 from nnpp_edge.runtime.loop.messages import (
     Counters,
     Goal,
@@ -27,14 +39,23 @@ from nnpp_edge.runtime.loop.messages import (
     Pose,
 )
 from nnpp_edge.runtime.loop.patches import Patches, Waiting
+from nnpp_edge.runtime.loop.tick import Tick
 from nnpp_edge.runtime.map.ground import Ground
-from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.network.loading import begin_loading
 from nnpp_edge.runtime.options import PlannerOptions
 from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
-from nnpp_edge.runtime.planners.plan import DynamicMethod
+from nnpp_edge.runtime.planners.plan import DynamicMethod, Plan
+from nnpp_edge.runtime.planners.standing_path import Standing
 
 _LOG = logging.getLogger(__name__)
+_LEAST_PLANNING_S = 0.002
+"""A search gets at least this much time: else a loop that is always late would never plan."""
+_SHARE_WITH_PATH = 0.5
+"""Of a slice, where there is a path to follow: the search goes on once the answer is out."""
+_FORGET = 0.9
+"""Factor of a method's expected time each time that the method is skipped as too slow: so it is
+tried again.
+"""
 
 
 class Navigator:
@@ -86,6 +107,10 @@ class Navigator:
                 raise InvalidQueryError(f"{name} must be at least 0, got {value}")
         self._snap_radius = snap_radius
         self._approach = approach
+        self._tolerance = tolerance
+        self._slice_s = 1e-3 * slice_ms
+        self._expected_s = 0.0
+        """Time that the method asked for is expected to take, if it does not work in slices."""
         self._clock = clock
         self._inbox = threading.Lock()
         self._pose: Pose | None = None
@@ -102,22 +127,11 @@ class Navigator:
         self.planner = DynamicPlanner(ground, (0, 0), method, refine=refine, **options)
         """Plans on the loop's one map. It belongs to the thread that calls `tick`."""
         self.planner.prepare()
-        self._patches = Patches(self.planner.state)
-        self._ladder = Ladder(
-            self.planner,
-            self._update_map,
-            tolerance,
-            1e-3 * slice_ms,
-            self.count_error,
-            approach=approach,
-        )
-
-    @property
-    def map(self) -> MapState:
-        """The map as the last tick left it; its `cost`, `elevation`, `shape` and sides may be read
-        by any thread.
+        self.map = self.planner.state
+        """As the last tick left it; its `cost`, `elevation`, `shape` and sides may be read by any
+        thread.
         """
-        return self.planner.state
+        self._patches = Patches(self.map)
 
     @checked(InvalidMessageError)
     def offer(self, message: Input) -> None:
@@ -157,8 +171,7 @@ class Navigator:
         `Exception`.
         """
         self._counts["ticks"] += 1
-        unknown = PathMessage(self._counts["ticks"], Status.UNKNOWN, Origin.NONE)
-        tick = Tick(self._clock, deadline, unknown)
+        tick = Tick(self._clock, deadline, self._counts["ticks"])
         try:
             message = self._answer(tick)
         except Exception as error:
@@ -189,41 +202,43 @@ class Navigator:
         with self._inbox:
             pose = self._pose
             goal = self._goal
-        tick.known = replace(tick.known, map_version=self._update_map())
+        tick.map_version = self._update_map()
         if pose is None or goal is None:
             missing = Status.NO_POSE if pose is None else Status.NO_GOAL
             return tick.no_path(missing, "nothing to plan yet")
-        ends = {Status.GOAL_OUTSIDE_MAP: goal.cell, Status.START_OUTSIDE_MAP: pose.cell}
+        planner = self.planner
+        grid = self.map.grid
+        here = pose.cell
+        target = goal.cell
+        ends = {Status.GOAL_OUTSIDE_MAP: target, Status.START_OUTSIDE_MAP: here}
         for status, cell in ends.items():
-            if not self.map.grid.holds(cell):
-                return tick.no_path(status, f"the map has {self.planner.shape} cells")
-        around = ((pose.cell[0] + row, pose.cell[1] + col) for row, col in self._nearest_first)
-        on_map = filter(self.map.grid.holds, around)
-        start = next(filter(self.planner.is_passable, on_map), None)
+            if not grid.holds(cell):
+                return tick.no_path(status, f"the map has {grid.shape} cells")
+        around = ((here[0] + row, here[1] + col) for row, col in self._nearest_first)
+        start = next(filter(grid.is_passable, filter(grid.holds, around)), None)
         if start is None:
             radius = self._snap_radius
-            unknown = self._unknown_around(pose.cell, radius)
+            unknown = self._unknown_around(here, radius)
             reason = f"no passable cell within {radius} of the robot{unknown}"
             return tick.no_path(Status.START_BLOCKED, reason)
         heading = pose.heading_deg
         passed = None
         if heading is not None:
-            passed = self.planner.passed(pose.row - 0.5, pose.col - 0.5, heading)
-        if passed is not None:
-            start, heading = passed
-        self.planner.move(start, heading)
-        target = goal.cell
-        passable = self.planner.is_passable(target)
-        if not (passable or self._approach):
+            passed = planner.passed(pose.row - 0.5, pose.col - 0.5, heading)
+        moved = passed is None and start != here
+        start, heading = passed or (start, heading)
+        planner.move(start, heading)
+        if not (self._approach or grid.is_passable(target)):
             reason = f"the goal is impassable{self._unknown_around(target)}"
             return tick.no_path(Status.GOAL_BLOCKED, reason)
-        moved = passed is None and start != pose.cell
-        tick.known = replace(tick.known, start=start, start_moved=moved, goal=target)
+        tick.start = start
+        tick.start_moved = moved
+        tick.goal = target
         self._counts["starts_moved"] += moved
         asked = (target, goal.heading_deg)
-        if asked != (self.planner.goal, self.planner.goal_heading_deg):
-            self.planner.set_goal(*asked)
-        return self._ladder.answer(tick)
+        if asked != (planner.goal, planner.goal_heading_deg):
+            planner.set_goal(*asked)
+        return self._climbed(tick)
 
     def _update_map(self) -> int:
         """Put all waiting patches into the map; the number of patches that it has. If one fails
@@ -253,3 +268,135 @@ class Navigator:
         if not unknown.any():
             return ""
         return f"; {unknown.sum()} of {unknown.size} cells around it are unknown"
+
+    # --- the ladder
+
+    def _climbed(self, tick: Tick) -> PathMessage:
+        """The answer of the first rung that gives one; `tick` holds afterwards what failed on the
+        way.
+        """
+        planner = self.planner
+        standing = planner.standing()
+        is_good = standing.valid and standing.added <= self._tolerance * abs(standing.cost)
+        if is_good and not planner.search_due:
+            kept = self._kept(tick, standing, "it still holds")
+            if kept is not None:
+                return kept
+        return (
+            self._planned_in_full(tick)
+            or self._planned_by_corridor(tick, standing)
+            or self._kept(tick, standing, tick.failures[0].reason)
+            or self._led(tick, planner.joined, "a short way leads along the path planned before")
+            or self._led(tick, planner.clear_part, "the standing path is clear as far as this")
+            or self._all_failed(tick)
+        )
+
+    # --- the rungs: an answer, or None, with what failed noted in the tick
+
+    def _planned_in_full(self, tick: Tick) -> PathMessage | None:
+        planner = self.planner
+        if not planner.method.entry.in_slices:
+            if planner.searching:
+                tick.fail("timeout", "the search of a corridor goes on")
+                return None
+            if self._expected_s > max(tick.left_s, _LEAST_PLANNING_S):
+                self._expected_s *= _FORGET
+                tick.fail("late", "by its last times the full method would be late")
+                return None
+        return self._planned(tick, Origin.FULL)
+
+    def _planned_by_corridor(self, tick: Tick, standing: Standing) -> PathMessage | None:
+        in_slices = self.planner.method.entry.in_slices
+        if in_slices and tick.failures[-1].kind == "timeout":
+            return None  # it has just had its slice
+        if standing.valid and tick.left_s <= 0.0:
+            return None  # the standing path takes no time
+        return self._planned(tick, Origin.CORRIDOR, DynamicMethod.CORRIDOR)
+
+    def _kept(self, tick: Tick, standing: Standing, reason: str) -> PathMessage | None:
+        """The standing path, if it is valid."""
+        plan = self.planner.standing_plan
+        if plan is None or not standing.valid:
+            return None
+        rest = plan.rest(standing.index)
+        rest = replace(rest, cost=standing.cost, lower_bound=standing.lower_bound)
+        return self._path(tick, rest, Origin.STANDING, reason)
+
+    def _led(self, tick: Tick, path: Callable[[], Plan | None], why: str) -> PathMessage | None:
+        """What else is left of the standing path while a search goes on."""
+        failure = tick.failures[-1]
+        plan = path() if failure.kind == "timeout" else None
+        reason = f"{failure.reason}; {why}"
+        return None if plan is None else self._path(tick, plan, Origin.STANDING, reason)
+
+    def _all_failed(self, tick: Tick) -> PathMessage:
+        late = any(failure.kind in ("late", "timeout") for failure in tick.failures)
+        outcome = Status.TIMEOUT if late else Status.UNKNOWN
+        return tick.no_path(outcome, tick.failures[-1].reason, degraded=True)
+
+    # --- their parts
+
+    def _planned(
+        self, tick: Tick, origin: Origin, method: DynamicMethod | None = None
+    ) -> PathMessage | None:
+        """The answer by a new plan, by default by the method asked for."""
+        began = tick.clock()
+        in_slices = (method or self.planner.method).entry.in_slices
+        left_s = tick.left_s
+        if in_slices and left_s < math.inf:
+            # what there is to follow is the answer until the search has ended
+            share = _SHARE_WITH_PATH if self.planner.has_path else 1.0
+            left_s = min(left_s, share * self._slice_s)
+        try:
+            plan = self.planner.replan(
+                method=method,
+                time_limit_s=max(left_s, _LEAST_PLANNING_S),
+                goes_on=in_slices,
+                approach=self._approach,
+            )
+        except Exception as error:
+            _LOG.warning("planning of %s raised", origin, exc_info=True)
+            self.count_error(str(origin))
+            tick.fail("raised", one_line(error))
+            return None
+        if method is None:
+            took_s = tick.clock() - began
+            mean = 0.8 * self._expected_s + 0.2 * took_s
+            self._expected_s = max(took_s, mean if plan.ok else self._expected_s)
+        if plan.status is Status.TIMEOUT:
+            tick.fail("timeout", plan.reason if in_slices else "the search ran out of time")
+            return None
+        if not plan.ok:
+            return tick.no_path(plan.status, plan.reason)
+        reason = tick.failures[-1].reason if tick.failures else plan.reason
+        message = self._path(tick, plan, origin, reason)
+        if message is None:
+            tick.fail("map_changed", "the map changed while planning")
+        return message
+
+    def _path(self, tick: Tick, plan: Plan, origin: Origin, reason: str) -> PathMessage | None:
+        """The plan's path as a message; None if it does not hold on the newest map."""
+        if origin is Origin.STANDING:
+            plan = self.planner.refined(plan)
+            if not plan.ok:
+                return None
+        path = plan.path
+        version = self._update_map()
+        is_newer = version != tick.map_version
+        blocked = -1
+        if is_newer or origin is not Origin.STANDING:  # that has just been checked
+            blocked = self.planner.first_blocked(plan.walked)
+        if blocked >= 0 or tuple(path[0].tolist()) != tick.start:
+            words = "a path from %s is not published: it begins elsewhere, or is blocked at cell %d"
+            _LOG.info(words, origin, blocked)
+            return None
+        if is_newer:  # way points are not checked on it
+            plan = replace(plan, waypoints=None, line_cost=math.inf)
+            standing = self.planner.standing()
+            if standing.valid:
+                plan = replace(plan, cost=standing.cost, lower_bound=standing.lower_bound)
+        known = None
+        if self.map.unseen is not None:
+            as_planned = origin is not Origin.STANDING and not is_newer
+            known = plan.known if as_planned else self.map.known_along(path)
+        return tick.path(plan, origin, reason, version, known)

@@ -30,8 +30,6 @@ class Waiting(NamedTuple):
     """(h, w) metres or costs."""
     seen: Mask | None
     """(h, w) the cells that get new values; None for all."""
-    patches: int = 1
-    """So many it was made of."""
 
 
 class Patches:
@@ -63,7 +61,7 @@ class Patches:
         """
         of_heights = patch.cost is None
         corner = (patch.row, patch.col)
-        part = common((*corner, *patch.shape), (0, 0, self._shape[0], self._shape[1]))
+        part = common((*corner, *patch.shape), (0, 0, *self._shape))
         refused = not self._takes_heights if of_heights else self._model.refuses(patch.values)
         if part is None or refused:
             with self._lock:
@@ -75,13 +73,12 @@ class Patches:
         # whether the map stays as it is where the patch is NaN
         tells_nothing = patch.keep_known or (self._takes_heights and not of_heights)
         seen = ~np.isnan(values) if tells_nothing else None
-        one = Waiting(of_heights, part, values, seen)
         with self._lock:
             self.counts["patches"] += 1
             self.counts["patches_clipped"] += values.shape != patch.shape
-            self._layers[of_heights].append(one)
+            self._layers[of_heights].append(Waiting(of_heights, part, values, seen))
             self._cells += values.size + _OVERHEAD_CELLS
-            if self._cells > self._shape[0] * self._shape[1]:
+            if self._cells > math.prod(self._shape):
                 self._layers = {which: self._as_one(layer) for which, layer in self._layers.items()}
                 self._cells = 0
 
@@ -95,19 +92,19 @@ class Patches:
             layers = self._layers
             self._layers = {True: [], False: []}
             self._cells = 0
+            accepted = self.counts["patches"] - self.counts["patches_rejected"]
             for which, layer in layers.items():
                 cells = sum(one.values.size for one in layer)
                 if layer and cells > math.prod(_whole(layer)[2:]):
                     layers[which] = self._as_one(layer)
-        taken = [*layers[True], *layers[False]]
         try:
-            yield taken
+            yield [*layers[True], *layers[False]]
         except BaseException:
             with self._lock:
                 for which, layer in layers.items():
                     self._layers[which][:0] = layer
             raise
-        self.taken += sum(one.patches for one in taken)
+        self.taken = accepted
 
     def _as_one(self, layer: list[Waiting]) -> list[Waiting]:
         """Patches of one layer, one after another, as one."""
@@ -122,8 +119,7 @@ class Patches:
             new = True if one.seen is None else one.seen
             np.copyto(values[here], one.values, where=new)
             seen[here] |= new
-        count = sum(one.patches for one in layer)
-        return [Waiting(layer[0].of_heights, whole, values, None if seen.all() else seen, count)]
+        return [Waiting(layer[0].of_heights, whole, values, None if seen.all() else seen)]
 
 
 def _whole(layer: list[Waiting]) -> Rectangle:
@@ -133,6 +129,5 @@ def _whole(layer: list[Waiting]) -> Rectangle:
 
 def _inside(part: Rectangle, corner: Cell) -> tuple[slice, slice]:
     """Rows and columns of a rectangle in an array whose first cell is this cell of the map."""
-    row = part[0] - corner[0]
-    col = part[1] - corner[1]
-    return slices((row, col, *part[2:]))
+    row, col, rows, cols = part
+    return slices((row - corner[0], col - corner[1], rows, cols))

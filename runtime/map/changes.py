@@ -6,7 +6,6 @@ costs nothing more.
 """
 
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import NamedTuple
 from weakref import WeakSet
 
@@ -83,7 +82,7 @@ class ChangeReader:
         """A change to be read; for `ChangeLog`."""
         self._unread.append(change)
         if (count := len(self._unread)) > self._most:
-            pairs = list(pairwise(self._unread))[::2]
+            pairs = zip(self._unread[::2], self._unread[1::2], strict=False)
             last = self._unread[count - count % 2 :]
             self._unread = [older.then(newer) for older, newer in pairs] + last
 

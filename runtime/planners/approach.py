@@ -95,20 +95,18 @@ def place_towards(
     leads[pieces[unknown & _grown(beyond, margin)]] = True
     edge = reached & _grown(leads[pieces], margin)
     served = edge if edge.any() else reached
-    rows, cols = np.nonzero(served)
+    rows, cols = np.ogrid[: costs.shape[0], : costs.shape[1]]
     cells = np.hypot(rows - goal[0], cols - goal[1])
     if served is edge:
-        all_rows, all_cols = np.nonzero(reached)
-        from_start = np.hypot(all_rows - start[0], all_cols - start[1])
-        usual = np.median(costs[reached] / np.maximum(from_start, 1.0))
+        from_start = np.hypot(rows - start[0], cols - start[1])
+        usual = np.median((costs / np.maximum(from_start, 1.0))[reached])
         if usual > 0.0:  # of a cell; energy may be got back
-            cells += costs[edge] / usual
-    best = int(cells.argmin())
-    if present is not None and served[present]:
-        here = cells[(rows == present[0]) & (cols == present[1])].item()
-        if here <= cells[best] + _BETTER:
-            return present
-    return int(rows[best]), int(cols[best])
+            cells += costs / usual
+    cells[~served] = math.inf
+    best = divmod(int(cells.argmin()), cells.shape[1])
+    if present is not None and served[present] and cells[present] <= cells[best] + _BETTER:
+        return present
+    return best
 
 
 def _grown(cells: Mask, margin: int) -> Mask:

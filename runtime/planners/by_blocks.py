@@ -131,9 +131,7 @@ class BlockWay:
 def over(stops: Cells) -> Cells:
     """The cells (N, 2) from the first stop straight to each next one."""
     steps = np.abs(np.diff(stops, axis=0)).max(axis=1, initial=0)
-    begins = np.repeat(np.cumsum(steps) - steps, steps)
-    share = ((np.arange(len(begins)) - begins + 1) / np.repeat(steps, steps))[:, None]
-    begin = np.repeat(stops[:-1], steps, axis=0)
-    end = np.repeat(stops[1:], steps, axis=0)
-    between = np.rint(begin * (1.0 - share) + end * share)
-    return np.concatenate((stops[:1], between.astype(np.int32)))
+    numbers = np.append(0, steps.cumsum())
+    cells = np.arange(numbers[-1] + 1)
+    between = [np.interp(cells, numbers, along) for along in stops.T]
+    return np.rint(np.column_stack(between)).astype(np.int32)

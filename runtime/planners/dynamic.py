@@ -15,12 +15,13 @@ import numpy as np
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Bool, Cells, Float2D, Int32
 from nnpp_edge.runtime.cells import Cell, apart, as_cell
-from nnpp_edge.runtime.deadline import Deadline
+from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
+from nnpp_edge.runtime.map.changes import Change
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.options import PlannerOptions
-from nnpp_edge.runtime.planners.joining import Joiner
+from nnpp_edge.runtime.planners.joining import ON_IT, Joiner, cell_of, nearest_on
 from nnpp_edge.runtime.planners.methods import file_of
 from nnpp_edge.runtime.planners.no_path import NoPath
 from nnpp_edge.runtime.planners.on_map import (
@@ -30,7 +31,7 @@ from nnpp_edge.runtime.planners.on_map import (
 )
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Plan, Source
 from nnpp_edge.runtime.planners.query import Found, problem_with
-from nnpp_edge.runtime.planners.searching import Finder, Options, Searching
+from nnpp_edge.runtime.planners.searching import Options, Searching, find
 from nnpp_edge.runtime.planners.standing_path import Departure, Footing, Standing, StandingPath
 from nnpp_edge.runtime.search.astar import Query, Search
 from nnpp_edge.runtime.stopwatch import Work
@@ -43,8 +44,6 @@ _JOINED = "the path planned before, joined to where the robot is"
 _GOES_ON = "the search goes on"
 _CHANGED = "the map changed while it was searched, which begins anew"
 _NOT_FROM_AHEAD = "no way leads on from where the standing path is clear; it is searched from here"
-_Aim = tuple[Cell, float | None]
-"""A goal, and the heading there; None for any."""
 
 
 class DynamicPlanner(OnMap):
@@ -92,9 +91,6 @@ class DynamicPlanner(OnMap):
         **options: Unpack[PlannerOptions],
     ) -> None:
         self.method = DynamicMethod(method)
-        self._start: Cell | None = None
-        self._heading_deg: float | None = None
-        self._goal_heading_deg: float | None = None
         self._standing: Plan | None = None
         super().__init__(cost, cell_size_m, options, tell_unknown=True)
         self._refines = self._frees(refine)
@@ -138,14 +134,23 @@ class DynamicPlanner(OnMap):
         return cls(ground, goal, **rest)
 
     _repeated = True
+    goal: Cell
+    """The cell that paths lead to; to be changed by `set_goal` alone."""
+    goal_heading_deg: float | None = None
+    """In which they arrive there; None for any."""
+    _wanted: Bool | None = None
+    """As `Query.wanted`, by that heading."""
+    _start: Cell | None = None
+    _direction = -1
+    """As `Query.direction`, at the start."""
     _searching: Searching | None = None
     """A search that goes on."""
-    _no_path: tuple[NoPath, Plan] | None = None
-    """That there is none, for the last such plan."""
+    _no_path: NoPath | None = None
+    """What the last search knows, if there was none."""
     _looks_ahead = True
     """Whether searches may start ahead of the robot: not after one that led to nothing."""
-    _aim: _Aim | None = None
-    """What the standing path was planned to lead to."""
+    _aim: tuple[Cell, float | None] | None = None
+    """What the standing path was planned to lead to: a goal, and the heading there."""
     _searched = 0
     """Version of the map on which the search for it began."""
 
@@ -153,8 +158,7 @@ class DynamicPlanner(OnMap):
         """As `OnMap._make`; the standing path stays, but no lower bound of its cost."""
         super()._make()
         self._path = StandingPath(self._state)
-        self._finder = Finder(self._methods, self._path)
-        self._joiner = Joiner(self._state)
+        self._joiner = Joiner(self._state.grid)
         if self._state.unseen is not None:
             _ = self._methods.blocks
         elif self.method.entry.needs:
@@ -171,29 +175,9 @@ class DynamicPlanner(OnMap):
 
     def __getstate__(self) -> dict[str, object]:
         """The map, the model, the ends, and the standing path: a copy begins anew with these."""
-        own = {
-            name: getattr(self, name)
-            for name in (
-                "_refines",
-                "_start",
-                "_heading_deg",
-                "_goal",
-                "_goal_heading_deg",
-                "_aim",
-                "method",
-            )
-        }
+        names = ("method", "goal", "goal_heading_deg", "_refines", "_start", "_direction")
+        own = {name: getattr(self, name) for name in (*names, "_wanted", "_aim")}
         return super().__getstate__() | own | {"_standing": self._path.plan}
-
-    @property
-    def goal(self) -> Cell:
-        """The cell that paths lead to."""
-        return self._goal
-
-    @property
-    def goal_heading_deg(self) -> float | None:
-        """In which they arrive there; None for any."""
-        return self._goal_heading_deg
 
     @property
     def standing_plan(self) -> Plan | None:
@@ -207,7 +191,7 @@ class DynamicPlanner(OnMap):
 
     @property
     def _leads_to_goal(self) -> bool:
-        return self._aim == (self._goal, self._goal_heading_deg)
+        return self._aim == (self.goal, self.goal_heading_deg)
 
     @checked(InvalidQueryError)
     @one_at_a_time
@@ -219,12 +203,14 @@ class DynamicPlanner(OnMap):
         A goal that has moved by less than a quarter of the robot's way to it keeps the search that
         goes on, see `replan`, and `joined` leads the path there.
         """
-        _check_heading(heading_deg)
         cell = as_cell(goal, "goal")
         if not self._state.grid.holds(cell):
             raise InvalidQueryError(f"goal must lie inside the map of {self.shape}, got {cell}")
-        self._goal = cell
-        self._goal_heading_deg = heading_deg
+        self._wanted = None
+        if heading_deg is not None and self._direction_of(heading_deg) >= 0:
+            self._wanted = self._state.grid.robot.moves.ends(None, heading_deg, 0.0)[1]
+        self.goal = cell
+        self.goal_heading_deg = heading_deg
         self._looks_ahead = True
         if self._aim is not None and not self._moved_little(self._aim[0]):
             self._path.forget()
@@ -236,8 +222,31 @@ class DynamicPlanner(OnMap):
         """Whether a path to the goal as it was leads near to the one that is now."""
         if self._start is None:
             return False
-        moved = apart((*before, 1, 1), self._goal)
-        return moved <= GOAL_MOVES * apart((*self._start, 1, 1), self._goal)
+        moved = apart((*before, 1, 1), self.goal)
+        return moved <= GOAL_MOVES * apart((*self._start, 1, 1), self.goal)
+
+    @checked(InvalidQueryError)
+    def move(self, start: Cell, heading_deg: float | None = None) -> None:
+        """The robot is in this cell now; InvalidQueryError if it is not a cell, or the heading no
+        number.
+
+        The heading of a body is in degrees clockwise from grid north; by default it is the plan's.
+        """
+        direction = -1 if heading_deg is None else self._direction_of(heading_deg)
+        self._start = as_cell(start, "start")
+        self._direction = direction
+
+    def _direction_of(self, heading_deg: float) -> int:
+        """In which a body heads; -1 of others."""
+        if not math.isfinite(heading_deg):
+            raise InvalidQueryError(f"heading_deg must be a number of degrees, got {heading_deg}")
+        return self._state.grid.robot.moves.direction(heading_deg)
+
+    def _place(self, deadline: Deadline = NEVER) -> Query:
+        """Where the robot is, and where it is to go."""
+        if self._start is None:
+            raise InvalidQueryError("wanted a start (move) before the first plan, got none")
+        return Query(self._start, self.goal, math.inf, deadline, self._direction, self._wanted)
 
     @property
     def searching(self) -> bool:
@@ -252,8 +261,7 @@ class DynamicPlanner(OnMap):
         standing = self.standing_plan
         if self._searching is not None or standing is None:
             return True
-        short = tuple(standing.path[-1].tolist()) != self._goal
-        return short and self._state.log.version != self._searched
+        return self._path.end != self.goal and self._state.log.version != self._searched
 
     @one_at_a_time
     def go_on(self, time_limit_s: float) -> bool:
@@ -261,7 +269,7 @@ class DynamicPlanner(OnMap):
         False where there is nothing to do.
         """
         searching = self._searching
-        if searching is None or searching.ended or not searching.is_here:
+        if searching is None or searching.plan is not None or not searching.is_here:
             return False
         self._searching = None  # for good, if it raises
         searching.go_on(Deadline.within(time_limit_s))
@@ -284,25 +292,14 @@ class DynamicPlanner(OnMap):
         dropped.
         """
         self._searching = None
-        return self._reach(self._where() if start is None else start)
-
-    @checked(InvalidQueryError)
-    def move(self, start: Cell, heading_deg: float | None = None) -> None:
-        """The robot is in this cell now; InvalidQueryError if it is not a cell, or the heading no
-        number.
-
-        The heading of a body is in degrees clockwise from grid north; by default it is the plan's.
-        """
-        _check_heading(heading_deg)
-        self._start = as_cell(start, "start")
-        self._heading_deg = heading_deg
+        return self._reach(self._place().start if start is None else start)
 
     @one_at_a_time
     def standing(self) -> Standing:
         """State of the last path on the current map, from the robot's current cell."""
         if not self._leads_to_goal:
             return Standing(Footing.NONE)
-        return self._path.check(self._where(), self._direction)
+        return self._path.check(self._place().start, self._direction)
 
     @one_at_a_time
     def passed(self, row: float, col: float, heading_deg: float) -> Departure | None:
@@ -322,17 +319,27 @@ class DynamicPlanner(OnMap):
         The system is made to back all of the planner's arrays with memory, so that no later answer
         waits for that.
         """
+        self._load_kernels()
         if self._state.unseen is not None:  # memory goes by what is seen
             return
         memory = self._methods.astar.workspace
         touch(memory, memory.field or memory, self._path)
         self._methods.descent.touch()
         if self.method is DynamicMethod.DSTAR:
-            self._methods.prepare_to_mend_map(self._goal)
+            self._methods.prepare_to_mend_map(self.goal)
         if self.method.entry.keeps and self.method.entry.needs:
-            self._methods.mending.prepare(self._goal)
+            self._methods.mending.prepare(self.goal)
         if "network" in self.method.entry.needs:
             self._methods.load_network()
+
+    def _load_kernels(self) -> None:
+        """Load what puts a patch into the map and checks a path, by a patch that shows nothing."""
+        state = self._state
+        cell = (0, 0, 1, 1)
+        put = state.update_elevation if state.has_heights else state.update
+        put(0, 0, np.ones((1, 1), np.float32), np.zeros((1, 1), np.bool_))
+        state.grid.robot.follow(Change(cell, 0), cell, state, heights=state.has_heights)
+        self._path.prepare()
 
     @checked(InvalidQueryError)
     @one_at_a_time
@@ -370,73 +377,64 @@ class DynamicPlanner(OnMap):
         """
         wanted = self.method if method is None else DynamicMethod(method)
         options = Options(wanted, keep_regions, approach)
-        query = self._query(time_limit_s)
+        place = self._place(Deadline.within(time_limit_s))
         joins = wanted is DynamicMethod.AUTO and self._leads_to_goal and not self.search_due
-        plan = self._join(query, as_good=True) if joins else None
+        plan = self._join(place, as_good=True) if joins else None
         if plan is None and goes_on and self._state.unseen is None:
-            plan = self._in_slices(query, options)
+            plan = self._in_slices(place, options)
         elif plan is None:
             self._searching = None
             self._searched = self._state.log.version
-            plan = self._finder.plan(query, Work(), options)
+            plan = find(self._methods, place, Work(), options, self._path.end)
         if plan.ok and plan.source is not Source.STANDING:
-            self._stand(plan)
+            self._path.set(plan)
+            self._aim = (self.goal, self.goal_heading_deg)
             self._looks_ahead = True
-        return self._freed(plan, deadline=query.deadline) if self._refines else plan
+        return self._freed(plan, deadline=place.deadline) if self._refines else plan
 
-    def _query(self, time_limit_s: float) -> Query:
-        return Query.of(
-            self._where(),
-            self._goal,
-            Deadline.within(time_limit_s),
-            direction=self._direction,
-            wanted=self._arrivals(self._goal_heading_deg),
-        )
-
-    def _stand(self, plan: Plan, excess: float | None = None) -> None:
-        """Follow a plan's path from now on, see `StandingPath.set`."""
-        self._path.set(plan, excess)
-        self._aim = (self._goal, self._goal_heading_deg)
-
-    def _in_slices(self, query: Query, options: Options) -> Plan:
+    def _in_slices(self, place: Query, options: Options) -> Plan:
         """A plan by a search that goes on from call to call; TIMEOUT while it does."""
-        if self._no_path is not None:
-            no_path, known = self._no_path
-            if options.shows_no_path and no_path.holds(query):
-                return known
-            self._no_path = None
+        no_path = self._no_path
+        if no_path is not None and options.shows_no_path and no_path.holds(place):
+            return no_path.plan
+        self._no_path = None
         searching = self._searching
-        if searching is None or not self._serves(searching, query, options):
-            searching = Searching(self._finder, query, options)
+        if searching is None or not self._serves(searching, place, options):
+            searching = Searching(self._methods, place, options, self._path.end)
         self._searching = None  # for good, if it raises
-        plan = searching.go_on(query.deadline)
+        plan = searching.go_on(place.deadline)
         if plan is None:
-            self._searching = self._from_ahead(searching, query) or searching
+            self._searching = self._from_ahead(searching, place) or searching
             return searching.nothing_yet(_GOES_ON)
-        found = self._by_now(plan, searching, query)
+        found = self._by_now(plan, searching, place)
         if isinstance(found, Plan):
             self._searched = searching.version
             return found
-        self._searching = Searching(self._finder, query, options)
+        self._searching = Searching(self._methods, place, options, self._path.end)
         return searching.nothing_yet(found)
 
-    def _serves(self, searching: Searching, query: Query, options: Options) -> bool:
-        """Whether a search can be gone on with."""
+    def _serves(self, searching: Searching, place: Query, options: Options) -> bool:
+        """Whether a search can be gone on with: the robot must be able to come to its start."""
         if searching.options != options or not searching.is_here:
             return False
-        if searching.ahead < 0:
-            return True
-        # the robot must be able to come to where the search started
-        standing = self._path.check(query.start, query.direction)
-        return standing.index >= 0 and not 0 <= standing.blocked <= searching.ahead
+        return searching.lead is None or self._left_of(searching.lead, place) is not None
 
-    def _from_ahead(self, searching: Searching, query: Query) -> Searching | None:
+    def _left_of(self, path: Plan, place: Query) -> Plan | None:
+        """The rest of a path from a place's start on, if that is on it and all of it is clear."""
+        index, away = nearest_on(path.walked, place.start, place.direction)
+        rest = path.rest(index)
+        costs = np.empty(len(rest.path))
+        if away != ON_IT or self._state.grid.walk(rest.walked, 0, costs) >= 0:
+            return None
+        return replace(rest, cost=float(costs[-1]), lower_bound=0.0)
+
+    def _from_ahead(self, searching: Searching, place: Query) -> Searching | None:
         """In place of a search that takes long: one from where the robot can be soon, so that it
         may drive on meanwhile along what is clear of the standing path; None without such a place.
         """
-        if not self._looks_ahead or searching.ahead >= 0 or searching.slices > 1:
+        if not self._looks_ahead or searching.lead is not None or searching.slices > 1:
             return None
-        standing = self._path.check(query.start, query.direction)
+        standing = self._path.check(place.start, place.direction)
         plan = self._path.plan
         if plan is None or standing.index < 0:
             return None
@@ -444,92 +442,73 @@ class DynamicPlanner(OnMap):
         at = min(standing.index + MOST_AHEAD, clear)
         if at <= standing.index:
             return None
-        row, col = plan.path[at].tolist()
-        # a body comes to a cell as it left the one before; on arcs its state is known
-        heading = plan.headings_deg[at - 1 if plan.states is None else at]
-        direction = self._state.grid.robot.moves.direction(float(heading))
-        ahead = query._replace(start=(row, col), direction=direction)
-        return Searching(self._finder, ahead, searching.options, at)
+        lead = plan.rest(standing.index, at + 1)
+        direction = self._state.grid.robot.moves.arrival(lead.walked)
+        ahead = place._replace(start=cell_of(lead.path[-1]), direction=direction)
+        return Searching(self._methods, ahead, searching.options, self._path.end, lead)
 
-    def _by_now(self, plan: Plan, searching: Searching, query: Query) -> Plan | str:
+    def _by_now(self, plan: Plan, searching: Searching, place: Query) -> Plan | str:
         """A plan that was searched for while the map, the robot and the goal moved, as it is by
         now; or why the search begins anew.
         """
         began = searching.query
         grid = self._state.grid
         if plan.status is Status.NO_PATH and searching.options.shows_no_path:
-            no_path = NoPath(grid, began, self._methods.exhausted, searching.changes)
-            self._no_path = no_path, plan
-        ends = (began.start, began.direction, began.goal)
-        moved = ends != (query.start, query.direction, query.goal)
+            memory = self._methods.exhausted
+            self._no_path = NoPath(plan, grid, began, memory, searching.changes)
+        ends = (began.start, began.direction, began.goal, str(began.wanted))
+        moved = ends != (place.start, place.direction, place.goal, str(place.wanted))
         if not (moved or searching.changes.peek()):
             return plan
         if plan.ok:
-            before = self._path.plan
-            standing = self._path.check(query.start, query.direction)
             way = plan.walked
-            if before is not None and 0 <= standing.index <= searching.ahead:
-                # the standing path as far as where the search started, and on along the new one
-                way = np.concatenate((before.walked[standing.index : searching.ahead], way))
-            near = self._path.near(way, query.start, query.direction)
-            to_goal = began.goal != query.goal
-            work = searching.work
-            led = near and self._led(way, near, query, work, plan.planner, to_goal=to_goal)
+            if searching.lead is not None:
+                way = np.concatenate((searching.lead.walked[:-1], way))
+            moved_goal = began.goal != place.goal
+            led = self._joined(way, place, plan.planner, searching.work, to_goal=moved_goal)
             return replace(led, source=plan.source) if led else _CHANGED
-        if self._no_path is not None and self._no_path[0].holds(query):
+        if self._no_path is not None and self._no_path.holds(place):
             return plan
         self._no_path = None
-        if plan.status is problem_with(grid, query.start, query.goal):
+        if plan.status is problem_with(grid, place.start, place.goal):
             return plan
-        self._looks_ahead = searching.ahead < 0
+        self._looks_ahead = searching.lead is None
         return _CHANGED if self._looks_ahead else _NOT_FROM_AHEAD
 
-    def _led(
-        self,
-        way: Int32,
-        near: tuple[int, bool],
-        query: Query,
-        work: Work,
-        by: str,
-        *,
-        to_goal: bool,
+    def _joined(
+        self, way: Int32, place: Query, by: str, work: Work, *, to_goal: bool
     ) -> Plan | None:
-        """A plan whose path leads from the query's start along a way, which is near there, and with
-        `to_goal` on to its goal; None where that cannot be driven on the map as it is.
+        """A plan whose path is joined to a place, see `Joiner.join`; unless it is to be led
+        `to_goal` it may end elsewhere, where it leads as near as there is a way.
         """
         grid = self._state.grid
-        index, beside = near
-        path = self._joiner.joined(way[index:], query, beside=beside, to_goal=to_goal)
-        if path is None or grid.walk(path, 0, np.empty(len(path))) >= 0:
+        end = cell_of(way[-1])
+        if not to_goal and end != place.goal:
+            place = place._replace(goal=end, wanted=None)
+        path = self._joiner.join(way, place)
+        if path is None:
             return None
-        ends = query.start, query.goal
+        ends = place.start, place.goal
         # `Found.of` adds what the height between the ends is worth
         bound = grid.least_cost(*ends) - float(grid.robot.price.worth(*ends))
         found = Found.of(grid, Search(Status.OK, path, 0, bound), Source.STANDING, None)
         return found.plan(DynamicMethod(by), work, self._state, choice=_JOINED)
 
-    def _join(self, query: Query, *, as_good: bool) -> Plan | None:
+    def _join(self, place: Query, *, as_good: bool) -> Plan | None:
         """The standing path, joined to where the robot and the goal are and led around what blocks
         it; None where that is not possible soon, or with `as_good` a search may find a better one.
         """
         before = self._path.plan
         if before is None or self._state.unseen is not None:
             return None
-        if query.deadline.at < math.inf:
-            query = query._replace(deadline=Deadline.within(1e-3 * JOIN_MS))
-        way = before.walked
-        near = self._path.near(way, query.start, query.direction)
-        if near is None:
-            return None
-        standing = self._path.check(query.start, query.direction)
         to_goal = not self._leads_to_goal
-        plan = self._led(way, near, query, Work(), before.planner, to_goal=to_goal)
-        if plan is None:
+        soon = place
+        if place.deadline.at < math.inf:
+            soon = place._replace(deadline=Deadline.within(1e-3 * JOIN_MS))
+        plan = self._joined(before.walked, soon, before.planner, Work(), to_goal=to_goal)
+        if plan is None or not self._path.set_joined(plan, place, as_good=as_good):
             return None
-        excess = self._path.excess(plan.cost, near[0])
-        if as_good and not self._path.is_as_good(plan.cost, excess, standing.floor):
-            return None
-        self._stand(plan, excess)
+        self._aim = (self.goal, self.goal_heading_deg)
         return plan
 
     @one_at_a_time
@@ -538,24 +517,16 @@ class DynamicPlanner(OnMap):
         and to the goal that has moved; it is the standing one from now on. None where that is not
         possible in some milliseconds, and on ground that is known coarsely.
         """
-        return self._join(self._query(1e-3 * JOIN_MS), as_good=False)
+        return self._join(self._place(Deadline.within(1e-3 * JOIN_MS)), as_good=False)
 
     @one_at_a_time
     def clear_part(self) -> Plan | None:
         """The standing path as far as the place ahead of the robot from which a search goes on: so
         far it may drive. None without one, and where that is not clear.
         """
-        searching = self._searching
-        plan = self._path.plan
-        if searching is None or plan is None:
-            return None
-        standing = self._path.check(self._where(), self._direction)
-        end = searching.ahead
-        if not 0 <= standing.index < end or 0 <= standing.blocked <= end:
-            return None
-        part = plan.rest(standing.index, end + 1)
-        cost, _, _ = self._state.grid.costs_of(part.walked)
-        return replace(part, cost=cost, lower_bound=0.0)
+        lead = None if self._searching is None else self._searching.lead
+        part = None if lead is None else self._left_of(lead, self._place())
+        return None if part is None or len(part.path) < 2 else part
 
     @checked(InvalidQueryError)
     @one_at_a_time
@@ -565,26 +536,3 @@ class DynamicPlanner(OnMap):
         numbers along it.
         """
         return self._freed(plan) if self._refines else plan.over(self._state)
-
-    @property
-    def _direction(self) -> int:
-        """In which a body heads; -1 of others, and where it is not given."""
-        heading = self._heading_deg
-        return -1 if heading is None else self._state.grid.robot.moves.direction(heading)
-
-    def _arrivals(self, heading_deg: float | None) -> Bool | None:
-        """Directions in which the goal may be arrived at; None for any."""
-        robot = self._state.grid.robot
-        if heading_deg is None or robot.moves.direction(heading_deg) < 0:
-            return None
-        return robot.moves.ends(None, heading_deg, 0.0)[1]
-
-    def _where(self) -> Cell:
-        if self._start is None:
-            raise InvalidQueryError("wanted a start (move) before the first plan, got none")
-        return self._start
-
-
-def _check_heading(heading_deg: float | None) -> None:
-    if heading_deg is not None and not math.isfinite(heading_deg):
-        raise InvalidQueryError(f"heading_deg must be a number of degrees, got {heading_deg}")

@@ -1,63 +1,85 @@
-"""Paths that are made to lead from where the robot is to where it is to go, and around what blocks
-them, by short searches.
+"""The one way to a path on a map that has changed, from a place that has moved: `Joiner.join`.
 
 A path that was planned some ticks ago seldom has the ends that are asked for by now, and a patch of
-the map may lie on it. What is left of it is as good as before.
+the map may lie on it. What is left of it is as good as before: short searches lead to it from where
+the robot is, from it to where it is to go, and around what blocks it. Where it is clear as it is,
+nothing is searched.
 """
 
 from functools import cached_property
 
 import numpy as np
 
-from nnpp_edge.runtime.arrays import Bool, Int32
+from nnpp_edge.runtime.arrays import Int32
+from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels.lattice import DIRECTION_COUNT
-from nnpp_edge.runtime.map.state import MapState
+from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.search.astar import Query
 from nnpp_edge.runtime.search.workspace import Workspace
-from nnpp_edge.runtime.tuning import JOIN_AT, JOIN_EXPANSIONS
+from nnpp_edge.runtime.tuning import JOIN_AT, JOIN_EXPANSIONS, JOIN_WITHIN
+
+ON_IT = -1
+"""Cells from a robot to the state of a path in which it is."""
+
+
+def nearest_on(path: Int32, at: Cell, direction: int) -> tuple[int, int]:
+    """Number of the state of a path, as `Plan.walked`, that is nearest to a robot which heads in a
+    direction, -1 where that is not given; and cells to it, `ON_IT` where the robot is in it.
+    """
+    away = np.abs(path[:, :2] - at).max(1)
+    here = away == 0
+    if direction >= 0 and path.shape[1] > 2:  # such a path may cross itself
+        here &= path[:, 2] % DIRECTION_COUNT == direction
+    away[here] = ON_IT
+    index = int(away.argmin())
+    return index, int(away[index])
+
+
+def cell_of(state: Int32) -> Cell:
+    """The cell of a state of a path."""
+    row, col = state[:2].tolist()
+    return row, col
 
 
 class Joiner:
-    """Joins the ends of paths on one map to the robot and the goal. Serves one thread at a time.
+    """Joins paths on one map to places. Serves one thread at a time.
 
     Its searches have memory of their own: another search may be paused meanwhile.
     """
 
-    def __init__(self, state: MapState) -> None:
-        self._grid = state.grid
+    def __init__(self, grid: Grid) -> None:
+        self._grid = grid
+        self._moves = grid.robot.moves
 
     @cached_property
     def _memory(self) -> Workspace:
-        grid = self._grid
-        return Workspace(len(grid.weights), grid.robot.moves.states_a_node, sparse=True)
+        return Workspace(len(self._grid.weights), self._moves.states_a_node, sparse=True)
 
-    def joined(self, way: Int32, query: Query, *, beside: bool, to_goal: bool) -> Int32 | None:
-        """States from a query's start to its goal, for the most part along a way, around what
-        blocks it; None where no short search joins them.
-
-        Parameters
-        ----------
-        way : (N, 2) or (N, 3) int32
-            As `Plan.walked`.
-        query
-            Its searches are given up at its deadline.
-        beside : bool
-            Whether the robot is not where the way begins.
-        to_goal : bool
-            Whether the way ends elsewhere than at the goal, and is to be led there.
+    def join(self, path: Int32, place: Query) -> Int32 | None:
+        """States from the start of a place to its goal, for the most part along a path, as
+        `Plan.walked`, that can be driven on the map as it is; None where that is far from the
+        start, or no short search joins them by the place's deadline.
         """
-        led: Int32 | None = way
-        gap = self._gap(way)
+        index, away = nearest_on(path, place.start, place.direction)
+        if away > JOIN_WITHIN:
+            return None
+        way: Int32 | None = path[index:]
+        gap = self._blocked(path[index:])
         if gap is not None:
-            led = self._replaced(way, *gap, query)
-        if to_goal and led is not None:
-            led = self._replaced(led, len(led) - 1, len(led) - 1, query)
-        if beside and led is not None:
-            led = self._replaced(led, 0, 0, query)
-        return led
+            way = self._led(path[index:], *gap, place)
+        if way is not None and not self._arrives(way, place):
+            way = self._led(way, len(way) - 1, len(way) - 1, place)
+        if way is not None and away != ON_IT:
+            way = self._led(way, 0, 0, place)
+        return way
 
-    def _gap(self, way: Int32) -> tuple[int, int] | None:
+    def _arrives(self, way: Int32, place: Query) -> bool:
+        """Whether a way ends at the goal, in a direction that is wanted there."""
+        wanted = place.wanted is None or place.wanted[self._moves.arrival(way)]
+        return bool(wanted) and cell_of(way[-1]) == place.goal
+
+    def _blocked(self, way: Int32) -> tuple[int, int] | None:
         """Numbers of the first and the last state of a way that cannot be stepped on; None where it
         is clear.
         """
@@ -70,38 +92,22 @@ class Joiner:
             last = max(blocked, last + 1)
         return None if first < 0 else (first, last)
 
-    def _replaced(self, way: Int32, first: int, last: int, query: Query) -> Int32 | None:
+    def _led(self, way: Int32, first: int, last: int, place: Query) -> Int32 | None:
         """A way in which another leads from some states before its `first` to some behind its
-        `last` state, or from the query's start, or to its goal.
+        `last` state, or from the place's start, or to its goal.
         """
-        moves = self._grid.robot.moves
         for apart in JOIN_AT:
             begin = first - apart
             end = last + apart
-            part = query
+            part = place
             if begin > 0:
-                part = part._replace(
-                    start=_cell(way[begin]), direction=moves.arrival(way[: begin + 1])
-                )
+                arrival = self._moves.arrival(way[: begin + 1])
+                part = part._replace(start=cell_of(way[begin]), direction=arrival)
             if end < len(way) - 1:
-                part = part._replace(goal=_cell(way[end]), wanted=self._alone(way[: end + 1]))
-            found = self.search(part)
-            if found is not None:
-                return np.concatenate((way[: max(begin, 0)], found, way[end + 1 :]))
+                wanted = np.arange(DIRECTION_COUNT) == self._moves.arrival(way[: end + 1])
+                part = part._replace(goal=cell_of(way[end]), wanted=wanted)
+            memory = self._memory
+            found = self._moves.search(self._grid, part, memory, None, limit=JOIN_EXPANSIONS)
+            if found.status is Status.OK:
+                return np.concatenate((way[: max(begin, 0)], found.path, way[end + 1 :]))
         return None
-
-    def _alone(self, way: Int32) -> Bool | None:
-        """The direction in which a way comes to its end, as `Query.wanted`."""
-        direction = self._grid.robot.moves.arrival(way)
-        return None if direction < 0 else np.arange(DIRECTION_COUNT) == direction
-
-    def search(self, query: Query) -> Int32 | None:
-        """The states of a short search; None where it came to nothing."""
-        grid = self._grid
-        search = grid.robot.moves.search(grid, query, self._memory, None, limit=JOIN_EXPANSIONS)
-        return search.path if search.status is Status.OK else None
-
-
-def _cell(state: Int32) -> tuple[int, int]:
-    row, col = state[:2].tolist()
-    return row, col

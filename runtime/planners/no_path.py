@@ -2,8 +2,9 @@
 
 import math
 
-from nnpp_edge.runtime.map.changes import Change, ChangeReader
+from nnpp_edge.runtime.map.changes import ChangeReader
 from nnpp_edge.runtime.map.grid import Grid
+from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.runtime.search.astar import Query
 from nnpp_edge.runtime.search.workspace import Workspace
 
@@ -16,6 +17,8 @@ class NoPath:
 
     Parameters
     ----------
+    plan
+        That says so.
     query
         As it was when the search began.
     memory
@@ -24,33 +27,36 @@ class NoPath:
         Those since the search began.
     """
 
-    def __init__(self, grid: Grid, query: Query, memory: Workspace, changes: ChangeReader) -> None:
+    def __init__(
+        self, plan: Plan, grid: Grid, query: Query, memory: Workspace, changes: ChangeReader
+    ) -> None:
+        self.plan = plan
         self._grid = grid
-        self._query = query
         self._memory = memory
-        self._stamp = memory.stamp
         self._changes = changes
+        self._known = self._asked(query)
         self._from_start = self._cost_at(query) == 0.0
-        self._holds = True
 
     def holds(self, query: Query) -> bool:
-        """Whether it is certain that a query has no path on the map as it is now."""
-        memory = self._memory
-        before = self._query
-        same_goal = query.goal == before.goal and str(query.wanted) == str(before.wanted)
-        if not (self._holds and same_goal and memory.stamp == self._stamp):
-            return False
-        if self._from_start:  # it came to all places that can be reached from there
-            inside = memory.came_to(self._grid.node(*query.start), query.direction)
-        else:
-            inside = self._cost_at(query) == math.inf
-        return inside and not any(self._may_open(change, query) for change in self._changes.read())
-
-    def _may_open(self, change: Change, query: Query) -> bool:
+        """Whether it is certain that a query has no path on the map as it is now; once False, for
+        good.
+        """
         grid = self._grid
-        opens = change.cheaper and grid.robot.moves.may_open(grid, query, self._memory, change.part)
-        self._holds = self._holds and not opens
-        return opens
+        memory = self._memory
+        if self._asked(query) != self._known:
+            return False
+        # it came to all places that can be reached from the start, or else from the goal
+        inside = self._cost_at(query) == math.inf
+        if self._from_start:
+            inside = memory.came_to(grid.node(*query.start), query.direction)
+        return inside and not any(
+            change.cheaper and grid.robot.moves.may_open(grid, query, memory, change.part)
+            for change in self._changes.read()
+        )
+
+    def _asked(self, query: Query) -> tuple[object, ...]:
+        """The end that all places are searched for, and the number of the search in the memory."""
+        return query.goal, str(query.wanted), self._memory.stamp
 
     def _cost_at(self, query: Query) -> float:
         """Cost of a query's start, as the search has it."""

@@ -1,14 +1,22 @@
-"""A search for a path that goes on from one call to the next."""
+"""A search for a path that is worked at in slices of time, with pauses between them in which the
+map may change.
 
+It stops where a slice ends, in the middle of what it does, and goes on there in the next one. So no
+code on the way has to know of it. What it finds on a map that changes meanwhile is to be checked on
+the newest.
+"""
+
+import threading
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
-from nnpp_edge.runtime.deadline import Deadline
+from greenlet import getcurrent, greenlet
+
+from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.planners.methods import Methods
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan
-from nnpp_edge.runtime.planners.slices import InSlices
-from nnpp_edge.runtime.planners.standing_path import StandingPath
 from nnpp_edge.runtime.search.astar import Query
 from nnpp_edge.runtime.stopwatch import Work
 
@@ -29,86 +37,112 @@ class Options(NamedTuple):
         return not self.approach and self.method is not DynamicMethod.DSTAR
 
 
-class Finder(NamedTuple):
-    """What finds a path to a goal. It is no planner: that is free once nobody uses it, though a
-    search that pauses holds all that it needs.
+def find(
+    methods: Methods, query: Query, work: Work, options: Options, present: Cell | None
+) -> Plan:
+    """The plan of a query; with `approach` its path may end elsewhere, if possible where the
+    `present` one does.
     """
 
-    methods: Methods
-    path: StandingPath
+    def plan_to(query: Query) -> Plan:
+        return methods.plan(query, work, options.method, keep_regions=options.keep_regions)
 
-    def plan(self, query: Query, work: Work, options: Options) -> Plan:
-        """The plan of a query; with `approach` its path may end elsewhere."""
-        plan = self._to_goal(query, work, options)
-        if not options.approach or plan.status not in (Status.NO_PATH, Status.GOAL_BLOCKED):
-            return plan
-        from nnpp_edge.runtime.planners.approach import plan_towards
+    plan = plan_to(query)
+    if not options.approach or plan.status not in (Status.NO_PATH, Status.GOAL_BLOCKED):
+        return plan
+    from nnpp_edge.runtime.planners.approach import plan_towards
 
-        standing = self.path.plan
-        present = None if standing is None else tuple(standing.path[-1].tolist())
+    instead = plan_towards(methods, query, present, plan_to)
+    return replace(instead, choice=_NEARER) if instead.ok else plan
 
-        def plan_to(query: Query) -> Plan:
-            return self._to_goal(query, work, options)
 
-        instead = plan_towards(self.methods, query, present, plan_to)
-        return replace(instead, choice=_NEARER) if instead.ok else plan
+class _Slices(Deadline):
+    """The deadline of a search in slices: it never passes, but the search pauses by it."""
 
-    def _to_goal(self, query: Query, work: Work, options: Options) -> Plan:
-        return self.methods.plan(query, work, options.method, keep_regions=options.keep_regions)
+    slice = NEVER
+
+    def begin(self, slice: Deadline) -> None:
+        """Work until then."""
+        self.slice = slice
+        self.until = slice.at
+
+    def goes_on(self) -> bool:
+        """True, after a pause if the slice is over."""
+        if self.slice.passed:
+            parent = getcurrent().parent
+            assert parent is not None
+            parent.switch(None)
+        return True
 
 
 class Searching:
-    """A search that goes on from one call to the next, while the map, the robot and the goal may
-    move.
+    """A search that goes on from one call to the next, in one thread alone, while the map, the
+    robot and the goal may move.
 
-    `ahead` is the number on the standing path of the place where it starts; -1 where that was the
-    robot's.
+    Where it is dropped before it has ended, it lets go of all that it holds, once what it had to
+    tidy up is done. It holds no planner: that is free once nobody uses it.
+
+    `present` as for `find`. `lead` is the part of the standing path to the place where the search
+    starts; None where that is the robot's.
     """
 
-    def __init__(self, finder: Finder, query: Query, options: Options, ahead: int = -1) -> None:
+    def __init__(
+        self,
+        methods: Methods,
+        query: Query,
+        options: Options,
+        present: Cell | None,
+        lead: Plan | None = None,
+    ) -> None:
         work = Work()
 
         def search(slices: Deadline) -> Plan:
-            return finder.plan(query._replace(deadline=slices), work, options)
+            return find(methods, query._replace(deadline=slices), work, options, present)
 
         self.query = query
         """As it was when the search began; there it starts."""
         self.options = options
-        self.ahead = ahead
+        self.lead = lead
         self.work = work
-        log = finder.methods.state.log
-        self.version = log.version
+        self.version = methods.state.log.version
         """Of the map, as it was when the search began."""
-        self.changes = log.reader()
+        self.changes = methods.state.log.reader()
         """Since then."""
         self.slices = 0
         """How many it has had."""
-        self._call = InSlices(search)
+        self.plan: Plan | None = None
+        """What it found, once it has ended."""
+        self._slices = _Slices()
+        self._search = greenlet(search)
+        self._thread = threading.get_ident()
 
     @property
     def is_here(self) -> bool:
-        """Whether this thread can go on with it."""
-        return self._call.is_here
-
-    @property
-    def ended(self) -> bool:
-        """Whether its plan is there."""
-        return self._call.ended
+        """Whether this thread began it: no other can go on with it."""
+        return self._thread == threading.get_ident()
 
     def go_on(self, until: Deadline) -> Plan | None:
         """Search until then; the plan, once that is there."""
-        self.work.resumes()
-        plan = self._call.work(until)
-        self.work.pauses()
-        self.slices += 1
-        return plan
+        if self.plan is None:
+            self._slices.begin(until)
+            self._search.parent = getcurrent()
+            self.work.resumes()
+            self.plan = cast(Plan | None, self._search.switch(self._slices))
+            self.work.pauses()
+            self.slices += 1
+        return self.plan
+
+    def __del__(self) -> None:
+        if self.is_here:
+            self._search.throw()
 
     def nothing_yet(self, reason: str) -> Plan:
         """TIMEOUT, as there is no plan yet that can be driven."""
         method = self.options.method
+        known = Method(method.entry.keeps or method)
         return Plan(
             Status.TIMEOUT,
-            Method(method.entry.keeps or method),
+            known,
             planner=method,
             expansions=self.work.expansions,
             reason=reason,

@@ -24,23 +24,17 @@ from enum import StrEnum
 
 import numpy as np
 
-from nnpp_edge.runtime.arrays import Int32
+from nnpp_edge.runtime.arrays import Int64
 from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.kernels.lattice import DIRECTION_COUNT
-from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.kernels.paths import remember, savings
+from nnpp_edge.runtime.map.changes import Change
 from nnpp_edge.runtime.map.state import MapState
+from nnpp_edge.runtime.planners.joining import ON_IT, cell_of, nearest_on
 from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.runtime.robots.body import arcs
-from nnpp_edge.runtime.tuning import (
-    JOIN_WITHIN,
-    MOST_CHANGED,
-    MOST_DRIFT,
-    MOST_LOGGED_CHANGES,
-    ON_ARC,
-    ON_ARC_DEG,
-)
+from nnpp_edge.runtime.search.astar import Query
+from nnpp_edge.runtime.tuning import MOST_CHANGED, MOST_DRIFT, ON_ARC, ON_ARC_DEG
 
 Departure = tuple[Cell, float]
 """A cell, and the heading in degrees in which a body leaves it."""
@@ -49,9 +43,6 @@ _ROUNDING = 1e-6
 _IN_STATE = 0.05
 """Cells from a cell's middle, and degrees from one of the sixteen headings, up to which a body is
 exactly in a state."""
-_MANY = 1 << 16
-"""Changed cells that may wait to be read."""
-_LAST_STAMP = int(np.iinfo(np.int32).max)
 
 
 class Footing(StrEnum):
@@ -109,8 +100,8 @@ class Standing:
 class StandingPath:
     """The path that a robot follows, on a map that changes under it. Serves one thread at a time.
 
-    What has changed it reads from the map's log when it is checked: that takes time by the cells of
-    the path and those that changed, not by the map.
+    What has changed it reads from the map's log: to check it takes time by the cells of the path
+    and those that changed, not by the map.
     """
 
     def __init__(self, state: MapState) -> None:
@@ -124,14 +115,16 @@ class StandingPath:
         """
         self._before = np.empty(nodes, np.float32)
         """Weights of changed nodes when the path was set."""
-        self._noted = np.zeros(nodes, np.int32)
-        """The stamp, for nodes that stand in `_before`."""
+        self._noted = np.zeros(nodes, np.bool_)
+        """The nodes that stand in `_before`."""
         self._touched = np.empty(nodes, np.int32)
-        self._stamp = 1
         self._count = 0
         self.plan: Plan | None = None
-        """The plan whose path stands; to be changed by `set` and `forget` alone."""
-        self._walked = self._scratch = np.empty(0)
+        """The plan whose path stands; to be changed by the methods alone."""
+        self._way = np.empty((0, 2), np.int32)
+        self.end: Cell | None = None
+        """Where the path leads."""
+        self._walked = np.empty(0)
         self._passed = 0
         """Number of the state that a body has passed last."""
         self._searched = self._excess = 0.0
@@ -141,101 +134,78 @@ class StandingPath:
         self._changed = 0
         """Cells that have changed since then, where no old costs are kept."""
 
-    def set(self, plan: Plan, excess: float | None = None) -> None:
+    def set(self, plan: Plan) -> None:
         """Follow this plan's path from now on; the plan must have been made on the map as it is
-        now. If it was not searched for, but joined to the one before, that has this `excess`.
+        now.
 
         InvalidQueryError where it has no path to the goal, or the path cannot be walked.
         """
-        if not plan.ok or not len(plan.path):
+        if not plan.ok:
             raise InvalidQueryError(
                 f"a standing path must lead to the goal, got a plan of status {plan.status}"
             )
-        walked = np.empty(len(plan.path))
-        if self._grid.walk(plan.walked, 0, walked) >= 0:
+        way = plan.walked
+        walked = np.empty(len(way))
+        if self._grid.walk(way, 0, walked) >= 0:
             raise InvalidQueryError("a standing path must be walkable on the map it was planned on")
-        if excess is None:
-            self._changed = 0
-            excess = 0.0
-        self._excess = excess
-        self._searched = plan.cost - excess
         self.plan = plan
+        self.end = cell_of(way[-1])
+        self._way = way
         self._walked = walked
-        self._scratch = np.empty(len(walked))
-        self._count = 0
-        self._passed = 0
+        self._searched = plan.cost
+        self._excess = 0.0
+        self._changed = self._passed = 0
         self._parts = []
+        self._noted[self._touched[: self._count]] = False
+        self._count = 0
         self._changes.skip()
-        if self._stamp == _LAST_STAMP:
-            self._noted[:] = 0
-            self._stamp = 0
-        self._stamp += 1
+
+    def set_joined(self, plan: Plan, place: Query, *, as_good: bool) -> bool:
+        """Follow the path of a plan from now on that was joined to this one. False, and this one
+        stands, where with `as_good` a search may find a better one.
+
+        Of a robot whose old costs are not kept a better path may open unnoticed, until much of the
+        map has changed.
+        """
+        index, _ = nearest_on(self._way, place.start, place.direction)
+        excess = plan.cost - self._searched + float(self._walked[index])
+        if as_good:
+            drift = (MOST_DRIFT - 1.0) * abs(plan.cost)
+            better = plan.cost - self.check(place.start, place.direction).floor > drift
+            if self._by_parts:
+                better = self._changed > MOST_CHANGED * self._grid.cells
+            if better or excess > max(drift, self._excess):
+                return False
+        changed = self._changed
+        self.set(plan)
+        self._searched -= excess
+        self._excess = excess
+        self._changed = changed
+        return True
 
     def forget(self) -> None:
         """There is no path to follow."""
-        self.plan = None
-        self._count = 0
-        self._parts = []
-        self._changes.skip()
-
-    def catch_up(self) -> None:
-        """Read what has changed now if so much waits to be read that it would hold memory."""
-        unread = self._changes.peek()
-        if (
-            len(unread) > MOST_LOGGED_CHANGES // 2
-            or sum(len(change.nodes) for change in unread) > _MANY
-        ):
-            self._read_changes()
+        self.plan = self.end = None
 
     def check(self, at: Cell, direction: int = -1) -> Standing:
         """How the path stands for a robot in the cell `at`, heading in a direction; -1 where it is
         not given.
         """
-        self._read_changes()
+        self.catch_up()
         if self.plan is None:
             return Standing(Footing.NONE)
-        path = self.plan.path
-        way = self.plan.walked
-        grid = self._grid
-        index = self.number_on(way, at, direction)
-        if index < 0:
+        way = self._way
+        index, away = nearest_on(way, at, direction)
+        if away != ON_IT:
             return Standing(Footing.OFF_PATH)
-        goal = (int(path[-1, 0]), int(path[-1, 1]))
-        walked = float(self._walked[index])
-        straight = grid.least_cost(at, goal)
-        rest = float(self._walked[-1]) - walked, (1.0 - _ROUNDING) * self.plan.lower_bound - walked
-        floor, lower = (
-            max(bound, straight) for bound in self._bounds_now(rest, at, goal, direction)
-        )
-        blocked = self._grid.walk(way, index, self._scratch)
+        floor, lower = self._bounds(index, at, direction)
+        costs = np.empty(len(way))
+        blocked = self._grid.walk(way, index, costs)
         if blocked >= 0:
-            cell = int(path[blocked, 0]), int(path[blocked, 1])
-            return Standing(Footing.BLOCKED, index, cell, blocked, lower_bound=lower, floor=floor)
-        cost = float(self._scratch[-1])
-        bounds = (min(lower, cost), min(floor, cost))
-        return Standing(Footing.VALID, index, None, -1, cost, *bounds)
-
-    @staticmethod
-    def number_on(way: Int32, at: Cell, direction: int) -> int:
-        """Number of the first state of a way, as `Plan.walked`, in which a robot is that heads in a
-        direction; -1 where it is beside it.
-        """
-        here = (way[:, 0] == at[0]) & (way[:, 1] == at[1])
-        if direction >= 0 and way.shape[1] > 2:  # such a path may cross itself
-            here &= way[:, 2] % DIRECTION_COUNT == direction
-        hits = np.flatnonzero(here)
-        return int(hits[0]) if len(hits) else -1
-
-    def near(self, way: Int32, at: Cell, direction: int) -> tuple[int, bool] | None:
-        """Number of the state of a way from which a robot goes on along it, and whether the robot
-        is beside it; None where it is far from it.
-        """
-        index = self.number_on(way, at, direction)
-        if index >= 0:
-            return index, False
-        away = np.abs(way[:, :2] - np.array(at, np.int32)).max(1)
-        index = int(away.argmin())
-        return (index, True) if away[index] <= JOIN_WITHIN else None
+            bounds = {"lower_bound": lower, "floor": floor}
+            return Standing(Footing.BLOCKED, index, cell_of(way[blocked]), blocked, **bounds)
+        cost = float(costs[-1])
+        return Standing(Footing.VALID, index, None, -1, cost, min(lower, cost), min(floor, cost))
 
     def passed(self, row: float, col: float, heading_deg: float) -> Departure | None:
         """The state that a body has passed last, where it drives along the path's arcs and the one
@@ -260,40 +230,23 @@ class StandingPath:
         away = np.hypot(*offsets.T) / within_m + turned / ON_ARC_DEG
         leaving = np.append(plan.drive.steps[1:], len(plan.path) - 1)
         near = (away <= 1.0) & (leaving >= self._passed)
-        if not near.any():
-            return None
         # the nearest pose of the first piece that is near: after a change of gear the path may
         # lead along itself
         first = int(near.argmax())
+        if not near[first]:
+            return None
         farther = np.append(np.diff(away[first:]) > 0.0, True)
         index = int(leaving[first + farther.argmax()])
         self._passed = index
-        if self._grid.walk(plan.walked[index : index + 2], 0, self._scratch) >= 0:
+        piece = self._way[index : index + 2]
+        if self._grid.walk(piece, 0, np.empty(len(piece))) >= 0:
             return None
-        at = int(plan.path[index, 0]), int(plan.path[index, 1])
-        return at, float(plan.headings_deg[index])
+        return cell_of(piece[0]), arcs.heading_deg(int(piece[0, 2]), sides_m)
 
-    def excess(self, cost: float, index: int) -> float:
-        """By how much a path that follows the rest from a state on, for the most part, costs more
-        than that did when it was searched for.
+    def catch_up(self) -> None:
+        """Read what has changed, so that it does not wait: note what changed nodes weighed when the
+        path was set.
         """
-        return cost - self._searched + float(self._walked[index])
-
-    def is_as_good(self, cost: float, excess: float, floor: float) -> bool:
-        """Whether a path of this cost and `excess`, where none costs less than `floor`, is about as
-        good as another search would find.
-
-        Of a robot whose old costs are not kept a better path may open unnoticed, until much of the
-        map has changed.
-        """
-        share = MOST_DRIFT - 1.0
-        better = cost - floor > share * abs(cost)
-        if self._by_parts:
-            better = self._changed > MOST_CHANGED * self._grid.cells
-        return not better and excess <= max(share * abs(cost), self._excess)
-
-    def _read_changes(self) -> None:
-        """Note what changed nodes weighed when the path was set."""
         if self.plan is None:
             self._changes.skip()
         for change in self._changes.read():
@@ -301,51 +254,57 @@ class StandingPath:
                 self._changed += change.cells
                 self._parts.append(change.part)
                 continue
-            self._count = remember(
-                change.nodes,
-                change.old_weights,
-                self._before,
-                self._noted,
-                self._stamp,
-                self._touched,
-                self._count,
-            )
+            self._note(change)
 
-    def _bounds_now(
-        self, bounds: tuple[float, ...], at: Cell, goal: Cell, direction: int
-    ) -> list[float]:
-        """Bounds of the paths of now, given bounds of those on the map as it was."""
+    def prepare(self) -> None:
+        """Load the kernels that read changes and bound paths."""
+        if not self._by_parts:
+            self._note(Change((0, 0, 0, 0), 0))
+            self._savings((0, 0), (0, 0))
+
+    def _note(self, change: Change) -> None:
+        noted = (self._before, self._noted, self._touched)
+        self._count = remember(change.nodes, change.old_weights, *noted, self._count)
+
+    def _savings(self, at: Cell, goal: Cell) -> tuple[float, float, float]:
         grid = self._grid
-        if self._by_parts:
-            by_way = min(
-                (self._by_way_of(part, at, goal) for part in self._parts), default=math.inf
-            )
-            if self.plan is not None and self.plan.states is not None and direction < 0:
-                return [-math.inf for _ in bounds]  # another path may begin in any direction
-            return [min(bound - grid.robot.readiness, by_way) for bound in bounds]
-        saved, by_cheaper, by_opened = savings(
-            grid.weights,
-            self._before,
-            self._touched,
-            self._count,
-            grid.stride,
-            at,
-            goal,
-            grid.prices,
-        )
-        saved *= 2.0 * max(grid.model.weight_term)
-        if (
-            not grid.corner_cutting
-        ):  # beside a cell that was opened, a diagonal step may have become allowed
+        noted = (grid.weights, self._before, self._touched, self._count)
+        saved, by_cheaper, by_opened = savings(*noted, grid.stride, at, goal, grid.prices)
+        if not grid.corner_cutting:
+            # beside a cell that was opened, a diagonal step may have become allowed
             by_opened -= 2.0 * grid.prices[0]
-        return [min(bound, max(bound - saved, by_cheaper), by_opened) for bound in bounds]
+        return saved * 2.0 * max(grid.model.weight_term), by_cheaper, by_opened
 
-    def _by_way_of(self, part: Rectangle, at: Cell, goal: Cell) -> float:
-        """The least that a path by way of a rectangle's cells costs."""
-        row, col, rows, cols = part
-        cost = float(self._grid.robot.price.worth(at, goal))
-        for end in (at, goal):
-            near_row = min(max(end[0], row), row + rows - 1)
-            near_col = min(max(end[1], col), col + cols - 1)
-            cost += octile.py_func(*end, near_row, near_col, *self._grid.prices)
-        return cost
+    def _bounds(self, index: int, at: Cell, direction: int) -> tuple[float, float]:
+        """No path from a state of the path on costs less now: had the plan been optimal when it was
+        made, and by its own bound.
+        """
+        grid = self._grid
+        plan = self.plan
+        goal = self.end
+        assert plan is not None
+        assert goal is not None
+        whole = self._walked[-1], (1.0 - _ROUNDING) * plan.lower_bound
+        bounds = np.array(whole) - self._walked[index]
+        if self._by_parts:
+            if plan.states is not None and direction < 0:
+                bounds[:] = -math.inf  # another path may begin in any direction
+            bounds -= grid.robot.readiness
+            by_changed = self._by_way_of_changed(np.array((at, goal)))
+            bounds = np.minimum(bounds, by_changed + float(grid.robot.price.worth(at, goal)))
+        else:
+            saved, by_cheaper, by_opened = self._savings(at, goal)
+            cheaper = np.maximum(bounds - saved, by_cheaper)
+            bounds = np.minimum(np.minimum(bounds, cheaper), by_opened)
+        floor, lower = np.maximum(bounds, grid.least_cost(at, goal)).tolist()
+        return floor, lower
+
+    def _by_way_of_changed(self, ends: Int64) -> float:
+        """The octile distance between two cells (2, 2) by way of a rectangle that has changed."""
+        parts = np.array(self._parts).reshape(-1, 4)
+        first = parts[:, :2]
+        last = first + parts[:, 2:] - 1
+        away = np.abs(np.clip(ends[:, None], first, last) - ends[:, None])
+        straight, diagonal = self._grid.prices
+        costs = straight * away.max(2) + (diagonal - straight) * away.min(2)
+        return float(costs.sum(0).min(initial=math.inf))

@@ -38,26 +38,19 @@ def with_arcs(points: Floats, radius: float) -> Floats | None:
     """The line with an arc of this radius in place of each turn; None where a leg is too short for
     its arcs.
     """
-    turns = turns_rad(points)
-    lengths = np.hypot(*np.diff(points, axis=0).T)
-    reach = radius * np.tan(0.5 * turns)
-    too_short = reach[:-1] + reach[1:] > lengths
-    if too_short.any() or (turns > 0.9 * np.pi).any():
+    places = points @ (1.0, 1.0j)  # as complex numbers, of which a factor turns a leg
+    legs = np.diff(places)
+    ahead = legs / np.abs(legs)
+    turns = np.angle(ahead[1:] / ahead[:-1])
+    reach = np.pad(radius * np.tan(0.5 * np.abs(turns)), 1)
+    too_short = reach[:-1] + reach[1:] > np.abs(legs)
+    if too_short.any() or (np.abs(turns) > 0.9 * np.pi).any():
         return None
-    parts = [points[:1]]
-    for k in range(1, len(points) - 1):
-        back = (points[k - 1] - points[k]) / lengths[k - 1]
-        ahead = (points[k + 1] - points[k]) / lengths[k]
-        count = math.ceil(turns[k] / _ARC)
-        if count == 0:
-            continue
-        turn = turns[k]
-        inwards = (back + ahead) / np.linalg.norm(back + ahead)
-        middle = points[k] + inwards * radius / math.cos(0.5 * turn)
-        first = points[k] + reach[k] * back - middle
-        last = points[k] + reach[k] * ahead - middle
-        turned = np.arange(count + 1)[:, None] / count * turn
-        arc = np.sin(turn - turned) * first + np.sin(turned) * last
-        parts.append(middle + arc / math.sin(turn))
-    parts.append(points[-1:])
-    return np.concatenate(parts)
+    parts = [places[:1]]
+    for k in np.flatnonzero(np.abs(turns) > 1e-9).tolist():
+        first = places[k + 1] - reach[k + 1] * ahead[k]
+        to_middle = np.copysign(radius, turns[k]) * 1.0j * ahead[k]
+        turned = np.linspace(0.0, turns[k], math.ceil(abs(turns[k]) / _ARC) + 1)
+        parts.append(first + to_middle - to_middle * np.exp(1.0j * turned))
+    line = np.concatenate((*parts, places[-1:]))
+    return np.column_stack((line.real, line.imag))

@@ -2,8 +2,7 @@
 
 import typing
 
-from nnpp_edge.runtime.errors import NnppEdgeError
-from nnpp_edge.runtime.loop.ladder import one_line
+from nnpp_edge.runtime.errors import NnppEdgeError, one_line
 
 Ros = typing.Any
 """A message, or an object of rclpy: types are checked where ROS is not installed."""

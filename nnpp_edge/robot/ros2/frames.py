@@ -4,7 +4,7 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 from nnpp_edge.robot.ros2 import Ros
-from nnpp_edge.runtime.loop.ladder import one_line
+from nnpp_edge.runtime.errors import one_line
 from nnpp_edge.runtime.loop.messages import InvalidMessageError
 
 if TYPE_CHECKING:

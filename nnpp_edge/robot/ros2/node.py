@@ -21,9 +21,8 @@ from nnpp_edge.robot.ros2.parameters import Own, checked, declare, values_of
 from nnpp_edge.robot.ros2.questions import Questions
 from nnpp_edge.robot.ros2.session import Session
 from nnpp_edge.ros.maps import MapFrame, OccupancyGrid
-from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.errors import InvalidQueryError, one_line
 from nnpp_edge.runtime.exercises import exercise
-from nnpp_edge.runtime.loop.ladder import one_line
 from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.loop.settings import OnboardLoop
 

@@ -18,8 +18,7 @@ from nnpp_edge.ros.maps import MapFrame
 from nnpp_edge.ros.messages import path_message
 from nnpp_edge.runtime.arrays import Floats
 from nnpp_edge.runtime.cells import nearest
-from nnpp_edge.runtime.errors import NnppEdgeError, Status
-from nnpp_edge.runtime.loop.ladder import one_line
+from nnpp_edge.runtime.errors import NnppEdgeError, Status, one_line
 from nnpp_edge.runtime.loop.messages import InvalidMessageError
 from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
 

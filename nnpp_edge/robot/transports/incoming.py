@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from nnpp_edge.robot.transports.wire import LIMIT_BYTES, Fault, WireError, decode
+from nnpp_edge.runtime.errors import one_line
 from nnpp_edge.runtime.loop.connections import Mailbox
-from nnpp_edge.runtime.loop.ladder import one_line
 from nnpp_edge.runtime.loop.workers import CountError, WhenFull
 
 _LOG = logging.getLogger(__name__)

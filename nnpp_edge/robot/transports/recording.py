@@ -29,9 +29,8 @@ from nnpp_edge.robot.transports.wire import (
 )
 from nnpp_edge.robot.transports.wiring import Setup
 from nnpp_edge.runtime.cells import Shape
-from nnpp_edge.runtime.errors import InvalidQueryError, OutputError
+from nnpp_edge.runtime.errors import InvalidQueryError, OutputError, one_line
 from nnpp_edge.runtime.loop.connections import InputSource, Recorder
-from nnpp_edge.runtime.loop.ladder import one_line
 from nnpp_edge.runtime.loop.messages import Input, MapPatch
 from nnpp_edge.runtime.loop.workers import BoundedQueue, CountError, Guard, WhenFull, Worker
 from nnpp_edge.runtime.reading import refused_as
