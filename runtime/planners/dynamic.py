@@ -162,7 +162,7 @@ class DynamicPlanner(OnMap):
         if self._state.unseen is not None:
             _ = self._methods.blocks
         elif self.method.entry.needs:
-            self._methods.descent.update()  # pooled now, so that the first plan does not wait for it
+            self._methods.descent.update()  # now, so that the first plan does not wait
         standing = self._standing
         if standing is not None and self._leads_to_goal:
             with suppress(InvalidQueryError):  # it may not be walkable any more
