@@ -23,7 +23,7 @@ from nnpp_edge.runtime import (
     Source,
     Vehicle,
 )
-from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, Status
+from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels.poses import AXIS_COUNT
 from nnpp_edge.runtime.planners import joining
 from nnpp_edge.runtime.planners.standing_path import StandingPath
@@ -239,22 +239,6 @@ def test_where_a_standing_path_crosses_itself_the_heading_says_how_far_the_robot
     assert [path.check((30, 30), each).index for each in directions] == crossing
 
 
-def test_headings_that_are_none_and_vehicles_without_them_are_refused():
-    made = planner(np.zeros((40, 40)))
-    for options in (
-        {"start_heading_deg": math.nan},
-        {"goal_heading_deg": 9.0, "goal_tolerance_deg": -1.0},
-    ):
-        with pytest.raises(InvalidQueryError, match="headings must be numbers of degrees"):
-            made.plan((10, 10), (30, 30), **options)
-    with pytest.raises(InvalidQueryError, match="want a vehicle's body"):
-        Planner(np.zeros((9, 9))).plan((1, 1), (5, 5), start_heading_deg=3.0)
-    with pytest.raises(InvalidMapError, match="arcs have the paper's cost"):
-        Planner.of_elevation(
-            np.zeros((40, 40)), 0.25, vehicle=made.state.vehicle, step_cost="tobler"
-        )
-
-
 def test_the_way_between_the_same_cells_depends_on_the_headings():
     made = planner(np.zeros((60, 60)))
     straight = made.plan((30, 10), (30, 50), start_heading_deg=90.0)
@@ -298,43 +282,6 @@ def test_a_robot_on_a_goal_that_has_become_impassable_does_not_stand_well():
         assert moving.standing().valid
         moving.update_elevation(20, 20, np.full((1, 1), 3.0))
         assert not moving.standing().valid
-
-
-def test_a_moving_planner_begins_as_the_robot_stands_and_is_as_good_as_a_new_one():
-    dem = rocks(3, 80, 80, 0.004)
-    goal = (66, 70)
-    vehicle = replace(CAR, reverse_cost=2.0)
-    moving = DynamicPlanner.of_elevation(dem, CELL_M, goal, vehicle=vehicle)
-    cell = (10, 12)
-    heading = 200.0
-    rng = np.random.default_rng(0)
-    sources = []
-    for _ in range(12):
-        moving.move(cell, heading)
-        plan = moving.replan()
-        sources.append(plan.source)
-        best = best_cost(dem, cell, heading, goal, vehicle)
-        assert plan.ok and best * (1.0 - 1e-5) <= plan.cost <= 1.3 * best
-        assert plan.lower_bound <= best * (1.0 + 1e-5)
-        assert pose_oracles.breaks_at(dem, CELL_M, vehicle, *driven(plan)) is None
-        assert moving.standing().valid
-        at = min(3, len(plan.path) - 1)
-        rest = plan.rest(at)
-        assert rest.path.tolist() == plan.path[at:].tolist()
-        assert rest.poses[0] == pytest.approx(
-            (*(plan.path[at, ::-1] * CELL_M), plan.headings_deg[at]), abs=1e-6
-        )
-        cell = tuple(plan.path[at].tolist())
-        heading = float(plan.headings_deg[at])
-        if len(plan.path) < 12:
-            break
-        row, col = plan.path[len(plan.path) // 2].tolist()
-        row = int(np.clip(row + rng.integers(-8, 9), 0, 77))
-        col = int(np.clip(col + rng.integers(-8, 9), 0, 77))
-        if min(max(abs(row - i), abs(col - j)) for i, j in (cell, goal)) > 10:
-            dem[row : row + 2, col : col + 2] += 0.4
-        moving.update_elevation(row, col, dem[row : row + 2, col : col + 2])
-    assert sources.count(Source.STANDING) >= 5
 
 
 def test_the_loop_goes_to_a_goal_with_a_heading_and_to_another_when_that_changes():

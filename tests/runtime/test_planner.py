@@ -17,7 +17,7 @@ from nnpp_edge.runtime import (
     Status,
     plan_path,
 )
-from nnpp_edge.runtime.errors import InvalidQueryError, ModelError
+from nnpp_edge.runtime.errors import ModelError
 from tests.strategies import flat, uniform
 
 
@@ -147,12 +147,3 @@ def test_a_search_of_a_region_is_repaired_from_step_to_step(network, method, bas
         assert repaired.cost <= afresh.cost * (1 + 1e-5)
         expansions.append((repaired.expansions, afresh.expansions))
     assert all(ours < 0.5 * others for ours, others in expansions[1:]), expansions
-
-
-def test_a_path_that_leaves_the_map_is_refused_and_not_read():
-    planner = DynamicPlanner(flat(30, 36, 0.2), (0, 0))
-    for path in ([(5, 5), (30, 5)], [(5, -1)], [(10**6, 5)]):
-        with pytest.raises(InvalidQueryError, match=r"path must lie on the map of \(30, 36\)"):
-            planner.first_blocked(np.array(path, np.int32))
-    with pytest.raises(InvalidQueryError, match="wanted room for 2 costs, got 1"):
-        planner.state.grid.walk(np.zeros((2, 2), np.int32), 0, np.empty(1))

@@ -9,6 +9,7 @@ import math
 import os
 import pickle
 from collections import Counter
+from contextlib import suppress
 from functools import partial
 
 import numpy as np
@@ -21,6 +22,7 @@ from nnpp_edge.runtime.options import CELLS, METHODS
 from nnpp_edge.runtime.robots.body import search
 from nnpp_edge.runtime.terrain.traversability import terrain_terms
 from tests import oracles
+from tests.fuzz.sequences import interrupting
 from tests.worlds import ANY_MOTIONS, WORLDS
 
 MAPS = int(os.environ.get("NNPP_EDGE_MAPS", "12"))
@@ -93,6 +95,9 @@ def test_on_a_map_that_changes_plans_and_the_standing_path_are_those_of_the_newe
             for method in rng.choice(DynamicMethod, 3):
                 if rng.random() < 0.2:
                     moving.replan(method=method, time_limit_s=0.0)
+                if rng.random() < 0.1:
+                    with interrupting(int(rng.integers(1, 400))), suppress(KeyboardInterrupt):
+                        moving.replan(method=method)
                 plan = moving.replan(method=method)
                 world.judge(plan, optimum, 0.0 if METHODS[method].bound == 1.0 else math.inf)
                 seen[plan.status] += 1

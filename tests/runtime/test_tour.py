@@ -13,7 +13,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nnpp_edge.runtime import Method, Plan, Planner, Source, Status, Traversability
-from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.planners.tour import tour
 from nnpp_edge.runtime.robots.robot import Price, Robot
 from tests import oracles
@@ -99,7 +98,7 @@ def test_only_the_legs_that_are_taken_are_finished_and_the_tour_is_made_of_what_
     assert found.plan.cost == pytest.approx(plain.plan.cost + 500.0) and found.order == plain.order
 
 
-def test_a_leg_that_has_no_path_is_named_and_places_that_are_none_are_refused_by_number():
+def test_a_leg_that_has_no_path_is_named():
     cost = flat(40, 40, 0.2)
     cost[:, 20] = np.inf
     planner = Planner(cost)
@@ -113,13 +112,6 @@ def test_a_leg_that_has_no_path_is_named_and_places_that_are_none_are_refused_by
             == "leg 2 of 3, from (5, 5) to (9, 30): no path exists on the known map"
         )
         assert found.plan.cost == math.inf and [leg.ok for leg in found.legs] == [True, False]
-        for via, words in (
-            ([(2, 2), (7, 20)], r"via 2, \(7, 20\), is impassable"),
-            ([(2, 40)], r"via 1, \(2, 40\), lies outside the map"),
-            ([(2, 2), (1.5, 2)], "via 2 must be two whole numbers"),
-        ):
-            with pytest.raises(InvalidQueryError, match=words):
-                planner.plan_via((1, 1), (9, 9), via, best_order=best_order)
         found = planner.plan_via((1, 1), (7, 20), [(2, 2)], best_order=best_order)
         assert (found.plan.status, found.plan.source) == (Status.GOAL_BLOCKED, None)
 
@@ -133,5 +125,3 @@ def test_without_places_a_tour_is_a_plan_and_more_than_a_dozen_are_visited_in_th
     assert found.plan.cost == plan.cost and found.plan.reason == plan.reason
     stops = [(at % 5, 2 * at + 1) for at in range(13)]
     assert planner.plan_via((0, 0), (0, 39), stops).plan.ok
-    with pytest.raises(InvalidQueryError, match="at most 12 places, got 13"):
-        planner.plan_via((0, 0), (0, 39), stops, best_order=True)
