@@ -168,7 +168,31 @@ TERMS = (
     Term("roughness", " m", "roughness_limit_m", "roughness_weight", "hard_roughness_m"),
     Term("elevation difference", " m", "step_limit_m", "step_weight", "hard_step_m"),
 )
-"""The terms of Eq. 1, in the order of `kernels.records.Terms`."""
+"""The terms of Eq. 1 that heights make, in the order of `kernels.records.Terms`."""
+LAYER_TERMS: tuple[Term, ...] = ()
+"""Those of layers that are given with the heights; their words are the layers' names."""
+
+
+class Kind(NamedTuple):
+    """A kind of vehicle: what makes one, and its robot on a map."""
+
+    name: str
+    key: str
+    """The value of `Vehicle` without which it is none."""
+    robot: str
+    """``module:function`` of (state): the `Robot` on a `MapState` that is being made."""
+    values: tuple[str, ...] = ()
+    """What else it may have; empty for everything."""
+    by_heights: bool = True
+    """Whether it stands by heights, not by costs alone."""
+
+
+_ROBOTS = "nnpp_edge.runtime.robots."
+KINDS = (
+    Kind("disc", "radius_m", f"{_ROBOTS}disc:disc_on", ("turning_radius_m",), by_heights=False),
+    Kind("body", "length_m", f"{_ROBOTS}body.robot:body_on"),
+)
+"""A vehicle is of the first kind whose key it has."""
 
 
 Omega = Annotated[

@@ -25,7 +25,7 @@ from nnpp_edge.runtime.kernels.records import (
     Tiles,
     TileSource,
 )
-from nnpp_edge.runtime.kernels.traversability import SCALE, fill_weights
+from nnpp_edge.runtime.kernels.traversability import MOST_COST, SCALE, fill_weights
 
 COSTED = 1
 SURROUNDED = 2
@@ -258,9 +258,16 @@ def _weigh(source, area, out, first, stride):
         )
     if blocks:
         _weigh_unseen(source, area, out, first, stride)
+    scale = source.rule[SCALE]
+    if len(source.added):
+        most = float32(MOST_COST * scale)
+        for row in range(area.row0, area.row1):
+            for col in range(area.col0, area.col1):
+                at = first + row * stride + col
+                weight = out[at] + float32(source.added[row * source.cols + col] * scale)
+                out[at] = min(weight, most) if weight < inf else weight
     if len(source.told) == 0:
         return
-    scale = source.rule[SCALE]
     for row in range(area.row0, area.row1):
         for col in range(area.col0, area.col1):
             cost = source.told[row * source.cols + col]

@@ -41,7 +41,7 @@ _NAN = float32(nan)
 _1 = uint64(1)
 _2 = uint64(2)
 _QUARTER_TURN = float32(0.5 * math.pi)
-_MOST = np.nextafter(_ONE, _ZERO)
+MOST_COST = np.nextafter(_ONE, _ZERO)
 """The greatest cost below 1."""
 _A0 = float32(0.9999961115277097)
 _A1 = float32(-0.33317367990706626)
@@ -277,7 +277,7 @@ def _of_terms(terms, factors):
         total += term
         beyond |= term > factors.hard[n]
         full &= share >= _ONE or n >= PAPER_TERMS
-    t = min(t, _MOST)
+    t = min(t, MOST_COST)
     weight = _INF if beyond | full else t * factors.scale
     return weight if total - total == _ZERO else _NAN
 

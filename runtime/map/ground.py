@@ -3,7 +3,8 @@ what steps cost.
 """
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +13,7 @@ import numpy as np
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D, as_map, in_blocks, numbers
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
-from nnpp_edge.runtime.options import STEP_COSTS, TERMS
+from nnpp_edge.runtime.options import LAYER_TERMS, STEP_COSTS, TERMS
 from nnpp_edge.runtime.terrain.step_cost import StepCost, StepModel
 
 if TYPE_CHECKING:
@@ -66,12 +67,15 @@ class Ground:
     map; ``slope``, the coarse map's, calibrated on maps that are known finely."""
     prior_model: str | Path = "unseen"
     """That network: a shipped model's name, or a file."""
+    layers: Mapping[str, Float2D] = field(default_factory=dict)
+    """(H, W) float, numbers beside heights for the terms of `options.LAYER_TERMS`, by name."""
 
     def __post_init__(self) -> None:
         """Check what goes together; what only the map's values tell is checked by `state`."""
         if (self.cost is None) == (self.elevation is None):
             raise InvalidMapError("wanted either cost or elevation, got both or neither")
         _ = self.shape
+        self._check_layers()
         if self.elevation is not None:
             if self.cell_size_m is None:
                 raise InvalidMapError("wanted cell_size_m, the side of a cell, with elevations")
@@ -88,10 +92,11 @@ class Ground:
                 raise InvalidMapError(
                     f"arcs have the paper's cost: wanted step_cost='paper', got {self.step_cost!r}"
                 )
-            if self.factor > 1 and (slope_cost is not None or self.radius_m is not None):
+            on_cells = self.vehicle is not None and body is None
+            if self.factor > 1 and (slope_cost is not None or on_cells or self.layers):
                 raise InvalidMapError(
-                    "a coarse map is for points and bodies: wanted step_cost='paper' and no "
-                    "radius_m"
+                    "a coarse map is for points and bodies: wanted step_cost='paper', no radius_m "
+                    "and no layers"
                 )
             return
         if self.factor > 1:
@@ -103,12 +108,29 @@ class Ground:
         StepModel.of(self.step_cost)
         if self.vehicle is None:
             return
-        if self.body is not None:
+        kind = self.vehicle.kind
+        if kind.by_heights:
             raise InvalidMapError(
-                "a body needs elevations: wanted Planner.of_elevation, or a vehicle with radius_m"
+                f"a {kind.name} needs elevations: wanted Planner.of_elevation, or a vehicle with "
+                "radius_m"
             )
         if self.cell_size_m is None:
             raise InvalidMapError("wanted cell_size_m, the side of a cell, with a vehicle")
+
+    def _check_layers(self) -> None:
+        """InvalidMapError unless there is a layer for each term that counts."""
+        terms = () if self.elevation is None else LAYER_TERMS
+        weights = {term.words: getattr(self.limits, term.weight) for term in terms}
+        counted = {name for name, weight in weights.items() if weight > 0.0}
+        if not counted <= self.layers.keys() <= weights.keys():
+            wanted = ", ".join(sorted(counted or weights)) or "none"
+            got = ", ".join(self.layers) or "none"
+            raise InvalidMapError(f"layers of the map must be {wanted}, got {got}")
+        layers = {name: as_map(each, name) for name, each in self.layers.items()}
+        for name, each in layers.items():
+            if each.shape != self.shape:
+                raise InvalidMapError(f"{name} must have {self.shape} cells, got {each.shape}")
+        object.__setattr__(self, "layers", layers)
 
     @classmethod
     def of_elevation(
@@ -195,7 +217,8 @@ class Ground:
     @property
     def by_costs(self) -> bool:
         """Whether cells' costs say all that paths go by, and heights nothing more."""
-        return self.body is None and self.slope_cost is None
+        stands_by_them = self.vehicle is not None and self.vehicle.kind.by_heights
+        return not stands_by_them and self.slope_cost is None
 
     def by_blocks(self, factor: int, prior: str = "network") -> "Ground":
         """Itself as it is known by the means of blocks of `factor` × `factor` of its heights."""
@@ -206,7 +229,7 @@ class Ground:
 
     def priced(self, cost: Float2D) -> "Ground":
         """Itself with the cost (H, W) of each cell in place of heights, where these say no more."""
-        return replace(self, cost=cost, elevation=None) if self.by_costs else self
+        return replace(self, cost=cost, elevation=None, layers={}) if self.by_costs else self
 
     @property
     def shape(self) -> tuple[int, int]:

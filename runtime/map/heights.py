@@ -37,7 +37,7 @@ class Heights(Lowest):
     ) -> None:
         self._model = model
         self._cutting = corner_cutting
-        self._limits = ground.limits
+        self.limits = ground.limits
         self._sides = ground.sides_m
         self.unseen = unseen
         dem = np.asarray(ground.elevation)
@@ -51,6 +51,8 @@ class Heights(Lowest):
         """(H, W) float32, relative to `base`; not finite where unknown. To be read only."""
         self.told: Float2D | None = None
         """(H, W) of `Told`, which the tiles weigh with these; None while nothing was."""
+        self.given = {name: np.array(each) for name, each in ground.layers.items()}
+        """(H, W) of each `Given`."""
 
     @property
     def heights(self) -> "Heights":  # type: ignore[override]
@@ -64,11 +66,12 @@ class Heights(Lowest):
         rows, cols = self.array.shape
         blocks = None if self.unseen is None else self.unseen.layers
         weights = bordered(rows, cols, small=blocks is not None, filed=is_filed(self.array))
-        rule = self._limits.rule(*self._sides, scale=self._model.scale)
+        rule = self.limits.rule(*self._sides, scale=self._model.scale)
         coarsest = FACTOR ** len(coarse_shapes(rows, cols))
         self.grid = Grid(rows, cols, self._model, self._cutting, weights)
         place = (self.array, rule, weights, self._cutting, coarsest)
-        self.tiles = Tiles(*place, self.told, blocks)
+        added = self.added((0, 0, rows, cols))
+        self.tiles = Tiles(*place, self.told, added, blocks)
         self.grid.compute_by(self.tiles)
         if blocks is not None:  # whose prices may be greater than any cost
             self.grid.set_bounds(self.grid.least, MOST_PRICE * self._model.scale)
@@ -83,7 +86,8 @@ class Heights(Lowest):
     def cost(self) -> Float2D:
         dy, dx = self._sides
         known = self.known((0, 0, *self.array.shape)).copy()
-        cost = traversability_cost(known, dy, self._limits, cell_width_m=dx, warn=False)
+        like = {"cell_width_m": dx, "layers": self.given}
+        cost = traversability_cost(known, dy, self.limits, warn=False, **like)
         if self.unseen is None:
             return cost
         return np.where(self.unknown(slice(None), slice(None)), self.unseen.at(), cost)
@@ -99,12 +103,38 @@ class Heights(Lowest):
             return here
         return np.where(self.unknown(*slices(part)), np.float32(np.nan), here)
 
+    def added(self, part: Rectangle) -> Float2D | None:
+        """(h, w) what the layers given add to the costs of a part; None without any."""
+        return self.limits.added(self.given, slices(part)) if self.given else None
+
+    def under(self, part: Rectangle) -> tuple[Float2D, Bool | None, Float2D | None]:
+        """What a body stands on in a part: heights, cells that were told to be shut, and `added`.
+
+        None where there is nothing of the kind.
+        """
+        shut = None if self.told is None else self.told[slices(part)] >= 1.0
+        return self.known(part), shut, self.added(part)
+
     def metres_at(self, places: Line) -> Floats:
         """(N,) metres at places (N, 2)."""
         found = heights_at(self.array, places)
         if self.unseen is not None:
             found = self.unseen.heights_at(places, found)
         return found + self.base
+
+
+class Given(Layer):
+    """Numbers that were given for a term of Eq. 1 (`options.LAYER_TERMS`)."""
+
+    def __init__(self, heights: Heights, name: str) -> None:
+        self.name = name  # type: ignore[misc]  # one class for all
+        self._heights = heights
+
+    def put(self, part: Rectangle, patch: Float2D, seen: Bool | None, *, keeps: bool) -> Put:
+        everywhere = True if seen is None else seen
+        np.copyto(self._heights.given[self.name][slices(part)], patch, where=everywhere)
+        added = self._heights.added(part)
+        return self._heights.tiles.write(part, added, ALL_SEEN, into="added", keeps=keeps)
 
 
 class Told(Layer):
@@ -131,4 +161,4 @@ class Told(Layer):
             known &= seen
         below = np.float32(0.0) if self._shut_alone else patch
         told = np.where(patch < 1.0, below, np.float32(np.inf))
-        return self._heights.tiles.write(part, told, known, told=True, keeps=keeps)
+        return self._heights.tiles.write(part, told, known, into="told", keeps=keeps)

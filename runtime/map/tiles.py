@@ -67,6 +67,7 @@ _NO_SOURCE = TileSource(
     links=np.empty(0, np.uint8),
     costed=np.zeros(1, np.int64),
     told=_NONE,
+    added=_NONE,
     block_side=0,
     block_cols=0,
     block_prices=_NONE,
@@ -102,7 +103,8 @@ class Tiles:
     `heights` (H, W) float32 in metres, not finite where unknown, are kept, and changed by `write`
     alone; `rule` as for `fill_weights`; `weights` and `corner_cutting` are those of the map's grid.
     Tiles consist of whole cells of the coarsest level, which are `coarsest` cells to the side.
-    `told` as from `tell_from_now_on`, if anything was told before. `unseen` (2, I, J) float32 are
+    `told` as from `tell_from_now_on`, if anything was told before; `added` as `Traversability.added`
+    says. `unseen` (2, I, J) float32 are
     the prices of blocks, and what is known of their heights, see `kernels.tiles.UNTOUCHED`, on a
     map of which blocks are known.
     """
@@ -115,6 +117,7 @@ class Tiles:
         corner_cutting: bool,
         coarsest: int,
         told: Float2D | None = None,
+        added: Float2D | None = None,
         unseen: Float32s | None = None,
     ) -> None:
         self.heights = heights
@@ -134,6 +137,7 @@ class Tiles:
             corner_cutting=corner_cutting,
             costed=np.zeros(1, np.int64),
             told=_NONE if told is None else told.reshape(-1),
+            added=_NONE if added is None else added.reshape(-1),
         )
         """What the kernels compute by."""
         if unseen is not None:
@@ -228,19 +232,19 @@ class Tiles:
         patch: Float2D,
         seen: Bool,
         *,
-        told: bool = False,
+        into: str = "heights",
         keeps: bool = False,
     ) -> tuple[Change, Rectangle]:
-        """Put heights into the map, or costs that are `told`, and bring up to date what has been
-        computed.
+        """Put heights into the map, or costs into what is ``told`` or ``added``, and bring up to
+        date what has been computed.
 
         `patch` (h, w) float32 lies in a part of the map; `seen` (h, w) are its cells that are
         written, (0, 0) for all. Returns the change, which counts what has not been computed yet as
         changed, and the rectangle of new values, of no rows without any. With `keeps` old weights
         are kept, and computed first where there are none.
         """
-        source = self._source
-        layer, rim = (source.told, 0) if told else (source.heights, 1)
+        layer = getattr(self._source, into)
+        rim = int(into == "heights")
         row, col, rows, cols = part
         room = (rows + 2 * rim) * (cols + 2 * rim) if keeps else 0
         nodes = np.empty(room, np.int32)

@@ -8,6 +8,7 @@ summed up, the paper leaves open; it is decided here.
 
 import math
 import warnings
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
 
 import numpy as np
@@ -18,8 +19,13 @@ from nnpp_edge.runtime.arrays import Float2D, as_map, unmasked
 from nnpp_edge.runtime.bands import in_bands
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidMapError
-from nnpp_edge.runtime.kernels.traversability import PAPER_TERMS, fill_terms, fill_weights
-from nnpp_edge.runtime.options import TERMS, Term
+from nnpp_edge.runtime.kernels.traversability import (
+    MOST_COST,
+    PAPER_TERMS,
+    fill_terms,
+    fill_weights,
+)
+from nnpp_edge.runtime.options import LAYER_TERMS, TERMS, Term
 from nnpp_edge.runtime.tuning import MOST_SAMPLED
 
 _SINGLE_STEP = Term("steepest single step", "°", "", "", "hard_gradient_deg")
@@ -93,7 +99,7 @@ class Traversability:
         for name, value in vars(self).items():
             if not (value > 0.0 or name.endswith("_weight")):
                 raise InvalidMapError(f"{name} must be greater than 0, got {value}")
-        weights = self.of_terms("weight")
+        weights = [value for name, value in vars(self).items() if name.endswith("_weight")]
         if not (min(weights) >= 0.0 and math.isclose(sum(weights), 1.0, abs_tol=1e-6)):
             raise InvalidMapError(f"the weights must be at least 0 and sum to 1, got {weights}")
 
@@ -104,6 +110,19 @@ class Traversability:
             math.radians(value) if name.endswith("_deg") else value
             for name, value in values.items()
         ]
+
+    def added(self, layers: Mapping[str, Float2D], part: tuple[slice, slice]) -> Float2D:
+        """(h, w) what the terms of layers add to the costs of a part of the map; inf beyond a hard
+        limit. A number that is not known counts as its limit.
+        """
+        total = np.float32(0.0)
+        for term in LAYER_TERMS:
+            if term.words in layers:
+                numbers = layers[term.words][part]
+                share = np.fmin(np.maximum(numbers, 0.0) / getattr(self, term.limit), 1.0)
+                beyond = numbers > getattr(self, term.hard)
+                total = total + np.where(beyond, np.inf, getattr(self, term.weight) * share)
+        return np.asarray(total, np.float32)
 
     @property
     def body_weights(self) -> tuple[float, float, float]:
@@ -135,6 +154,7 @@ def traversability_cost(
     *,
     cell_width_m: float | None = None,
     warn: bool = True,
+    layers: Mapping[str, Float2D] | None = None,
 ) -> Float2D:
     """Cost of crossing each cell, from slope, roughness and elevation difference.
 
@@ -148,6 +168,8 @@ def traversability_cost(
         Limits and weights; the paper's if not given.
     warn : bool
         Whether to issue a `SaturationWarning` where it applies.
+    layers : dict of (H, W) float
+        Numbers of further terms (`options.LAYER_TERMS`), by name.
 
     Returns
     -------
@@ -183,7 +205,11 @@ def traversability_cost(
     )
     if warn:
         warn_of_saturation(heights, limits, sides)
-    return cost.reshape(heights.shape)
+    cost = cost.reshape(heights.shape)
+    if not layers:
+        return cost
+    cost += limits.added(layers, (slice(None), slice(None)))
+    return np.minimum(cost, MOST_COST, out=cost, where=cost < np.inf)
 
 
 def terrain_terms(

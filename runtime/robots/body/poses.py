@@ -85,6 +85,8 @@ class Poses:
     unseen : (2, I, J) float32
         Prices of blocks, see `map.tiles.Tiles`: motions that would be over unknown cells cost by
         these.
+    added : (H, W) float32
+        What layers add to T.
     """
 
     def __init__(
@@ -96,6 +98,7 @@ class Poses:
         scale: float,
         shut: Bool | None = None,
         unseen: Float32s | None = None,
+        added: Float2D | None = None,
     ) -> None:
         self.weights = weights
         self.vehicle = vehicle
@@ -124,6 +127,9 @@ class Poses:
         beyond = self._unknown if unseen is None else np.inf
         self.heights = np.full((rows + 2 * self._margin, width), beyond, np.float32)
         """Within a margin of `margin` unknown cells, and more to the right; relative to `_base`."""
+        size = self.heights.shape if added is not None else (0, 0)
+        self._added = np.zeros(size, np.float32)
+        """Likewise; (0, 0) without layers."""
         nodes = (rows + 2) * (cols + 2)
         count = len(tables.poses_of) - 1 - AXIS_COUNT
         self.codes: UInt16 = virtual_zeros(nodes * count, np.uint16).reshape(nodes, count)
@@ -135,6 +141,7 @@ class Poses:
         record = records.Poses(
             codes=self.codes,
             heights=self.heights.reshape(-1),
+            added=self._added.reshape(-1),
             tables=tuple(motions.by_offsets(tables, width)),
             limits=limits_of(vehicle, weights),
             scratch=np.zeros(max(tables.gradients.shape[1], 1) * LANES, np.float32),
@@ -160,7 +167,7 @@ class Poses:
         by_angle = between(self.turns_m / dy)
         self.prices = Prices(unit, moves, fares, origins, rays, lengths, by_angle)
         """Of the vehicle's motions, in cells of level ground."""
-        self._put(0, 0, heights, shut)
+        self._put(0, 0, heights, shut, added)
 
     def figures(self, cell: Cell, motion: int, other: PoseTables | None = None) -> Floats:
         """(P, 7) of the poses of a motion from a cell, or of one of other motions: bounds of slope,
@@ -181,23 +188,35 @@ class Poses:
         """Poses checked so far; one that was forgotten and checked again counts twice."""
         return int(self._counts[0])
 
-    def _put(self, row: int, col: int, heights: Float2D, shut: Bool | None) -> None:
+    def _put(
+        self, row: int, col: int, heights: Float2D, shut: Bool | None, added: Float2D | None
+    ) -> None:
         if np.isnan(self._base):
             known = (height for line in heights for height in line[np.isfinite(line)][:1])
             self._base = np.float32(next(known, np.nan))
         place = self._margin + row, self._margin + col
         put_heights(np.ascontiguousarray(heights), self._base, self._unknown, self.heights, *place)
+        here = slices((*place, *heights.shape))
         if shut is not None:
-            self.heights[slices((*place, *heights.shape))][shut] = np.inf
+            self.heights[here][shut] = np.inf
+        if added is not None:
+            self._added[here] = added
 
-    def write(self, row: int, col: int, heights: Float2D, shut: Bool | None = None) -> Rectangle:
+    def write(
+        self,
+        row: int,
+        col: int,
+        heights: Float2D,
+        shut: Bool | None = None,
+        added: Float2D | None = None,
+    ) -> Rectangle:
         """Put heights into the map, (h, w) float32 that lie inside it, and forget the motions that
         they touch.
 
-        `shut` as for the class, of these cells. Returns the rectangle of cells whose motions may
+        `shut` and `added` as for the class, of these cells. Returns the rectangle of cells whose motions may
         have changed.
         """
-        self._put(row, col, heights, shut)
+        self._put(row, col, heights, shut, added)
         rows, cols = heights.shape
         area = (row, row + rows, col, col + cols)  # `records.Area`
         forget_poses(self.packed, area, self.reach)

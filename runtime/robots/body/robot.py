@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from nnpp_edge.runtime.arrays import Bool, Cells, Float32s, Floats
-from nnpp_edge.runtime.cells import Cell, Rectangle, slices
+from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.lattice import KNIGHT
@@ -83,9 +83,8 @@ class BodyStance(Stance):
     ) -> "Change":
         if not part[2]:
             return change
-        told = state.told
-        shut = None if told is None else told[slices(part)] >= 1.0
-        touched = self.poses.write(*part[:2], state.known_heights(part), shut)
+        assert state.heights is not None
+        touched = self.poses.write(*part[:2], *state.heights.under(part))
         return change._replace(part=touched, cells=touched[2] * touched[3], cheaper=True)
 
     def complete(self) -> None:
@@ -283,7 +282,14 @@ class ArcMoves(BodyMoves):
         return int(path[-1, 2]) % len(motions.LEGS)
 
 
-def body_robot(poses: Poses) -> Robot:
-    """The robot of a vehicle's poses."""
-    moves = BodyMoves if poses.vehicle.turning_radius_m is None else ArcMoves
+def body_on(state: "MapState") -> Robot:
+    """The robot of a vehicle with a body, by its poses."""
+    vehicle = state.vehicle
+    heights = state.heights
+    assert vehicle is not None and heights is not None and state.sides_m is not None
+    known, shut, added = heights.under((0, 0, *state.shape))
+    blocks = None if heights.unseen is None else heights.unseen.layers
+    place = (state.sides_m, vehicle, heights.limits.body_weights, state.grid.model.scale)
+    poses = Poses(known, *place, shut, blocks, added)
+    moves = BodyMoves if vehicle.turning_radius_m is None else ArcMoves
     return Robot(BodyStance(poses), BodyPrice(poses), moves(poses))

@@ -48,6 +48,10 @@ class SlopeCost(ABC):
     """Of its costs; empty where that is its coefficients'."""
     function: ClassVar[str] = ""
     """Whose it is, as a plan tells it: of models of a walker."""
+    symmetric: ClassVar[bool] = False
+    """Whether steps cost the same both ways: all is said by `ground`, and `per_m` is the same on
+    every slope. Landmarks and any angle serve then, and a cell takes 4 bytes, not 32.
+    """
 
     @property
     def kinks(self) -> Slopes:

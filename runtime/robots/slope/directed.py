@@ -12,18 +12,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.bands import in_bands, stripes
 from nnpp_edge.runtime.cells import Cell, Rectangle, enclosing, slices, widened
 from nnpp_edge.runtime.kernels.directed import join_steps, pool_steps, price_steps
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.kernels.records import FinerSteps, SlopePrices, Ways
-from nnpp_edge.runtime.robots.robot import WAYS, Edges, PathCosts, Price, Robot
+from nnpp_edge.runtime.options import CELLS
+from nnpp_edge.runtime.robots.robot import WAYS, Edges, PathCosts, Price
 from nnpp_edge.runtime.robots.slope.cost import SlopeCost
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.map.changes import Change
     from nnpp_edge.runtime.map.grid import Grid
     from nnpp_edge.runtime.map.pyramid import Level
+    from nnpp_edge.runtime.map.state import MapState
 
 _ROUNDED_DOWN = 1.0 - 1e-6
 """Of the cheapest step: edges are rounded to float32, the prices of the heuristic are not."""
@@ -35,12 +38,44 @@ _THREADS_FROM = 20_000
 """Cells from which on steps are computed by a thread a core."""
 
 
+class GroundPrice(Price):
+    """Costs of steps of a map of heights that depend on the ground, not on the slope: each is a
+    metre's on the mean of both ends' ground, the same both ways.
+    """
+
+    def __init__(
+        self, heights: Float2D, sides_m: tuple[float, float], model: SlopeCost, point: "Grid"
+    ) -> None:
+        self._place = model, heights, sides_m
+        self._point = point
+        self._cell = np.float32(sides_m[0] * float(model.cost(1.0, 0.0)))
+        """Cost of a cell's length."""
+
+    def weights(self, part: Rectangle) -> Float2D:
+        weights: Float2D = self._cell * _ground_of(*self._place, part)
+        return weights
+
+    def costs_of(self, grid: "Grid", path: NDArray[np.int32]) -> PathCosts:
+        cost, length, _ = super().costs_of(grid, path)
+        return cost, length, super().costs_of(self._point, path)[2]
+
+
+def _ground_of(
+    model: SlopeCost, heights: Float2D, sides_m: tuple[float, float], part: Rectangle
+) -> Float2D:
+    """(h, w) how many times as dear a metre is on the cells of a part; (0, 0) where that does not
+    count.
+    """
+    row, col, rows, cols = part
+    top, left, *_ = around = widened(part, (1, 1), heights.shape)
+    ground = model.ground(heights[slices(around)], sides_m)
+    return ground[slices((row - top, col - left, rows, cols))]
+
+
 class CoarseSlopePrice(Price):
     """Costs of the steps of a coarse level, both ways; `prices` are those of the map's
     own steps.
     """
-
-    symmetric = False
 
     def __init__(self, shape: Cell, prices: tuple[float, float]) -> None:
         rows, cols = shape
@@ -98,15 +133,14 @@ class DirectedPrice(Price):
     lead.
     """
 
-    symmetric = False
-
     def __init__(
         self,
-        heights: NDArray[np.float32],
+        heights: Float2D,
         sides_m: tuple[float, float],
         model: SlopeCost,
         grid: "Grid",
     ) -> None:
+        self._place = model, heights, sides_m
         self._model = model
         self._heights = heights
         self._sides = sides_m
@@ -114,7 +148,7 @@ class DirectedPrice(Price):
         self.shape = grid.shape
         rows, cols = grid.shape
         dy, dx = sides_m
-        self._ground = np.ascontiguousarray(model.ground(heights, sides_m), np.float32)
+        self._ground = np.ascontiguousarray(_ground_of(*self._place, (0, 0, rows, cols)))
         """(H, W) how many times as dear a metre is on each cell; (0, 0) where that does not
         count."""
         self.metre = float(model.cost(1.0, 0.0))
@@ -154,10 +188,7 @@ class DirectedPrice(Price):
         new = part if heights else (0, 0, 0, 0)
         if len(self._ground) and new[2]:
             new = widened(new, (1, 1), self.shape)
-            seen = widened(new, (1, 1), self.shape)
-            ground = self._model.ground(self._heights[slices(seen)], self._sides)
-            inside = (new[0] - seen[0], new[1] - seen[1], *new[2:])
-            self._ground[slices(new)] = ground[slices(inside)]
+            self._ground[slices(new)] = _ground_of(*self._place, new)
         parts = [each for each in (new, change.part) if each[2] and each[3]]
         if not parts:
             return change
@@ -254,6 +285,11 @@ class DirectedPrice(Price):
         self._greatest = max(dearest)
 
 
-def by_slope(grid: "Grid", heights: Edges, sides_m: tuple[float, float], model: SlopeCost) -> Robot:
-    """The robot of a grid, with steps that cost by the slope."""
-    return grid.robot._replace(price=DirectedPrice(heights, sides_m, model, grid))
+def price_of(state: "MapState", model: SlopeCost) -> Price:
+    """What the steps of a map's robot cost by a model: by its cells, where these say it all."""
+    assert state.heights is not None and state.sides_m is not None
+    place = state.heights.array, state.sides_m, model
+    dy, dx = state.sides_m
+    if model.symmetric and dy == dx and state.grid.robot.moves.over == CELLS:
+        return GroundPrice(*place, state.point)
+    return DirectedPrice(*place, state.grid)
