@@ -15,8 +15,10 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypedDict
 from msgspec import Meta
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
+    from nnpp_edge.runtime.arrays import Float2D
     from nnpp_edge.runtime.network.inference import NetworkModel
     from nnpp_edge.runtime.robots.slope.cost import Mobility
     from nnpp_edge.runtime.terrain.vehicle import Vehicle
@@ -219,15 +221,22 @@ class StepOptions(TypedDict, total=False):
     corner_cutting: CornerCutting
 
 
-class PlannerOptions(StepOptions, total=False):
-    """What a planner is made with beside its map: the options of `Planner` and `DynamicPlanner`,
-    and of their `of_elevation`. Attributes of `Ground` are the ground's.
-    """
+class GroundOptions(TypedDict, total=False):
+    """Attributes of `Ground`, beside heights and limits."""
 
     cell_width_m: float | None
     vehicle: "Vehicle | None"
     step_cost: str
     mobility: "Mobility | None"
+    prior: str
+    layers: "Mapping[str, Float2D]"
+
+
+class PlannerOptions(GroundOptions, StepOptions, total=False):
+    """What a planner is made with beside its map: the options of `Planner` and `DynamicPlanner`,
+    and of their `of_elevation`.
+    """
+
     lazy: bool
     """Whether costs of heights are computed, and poses checked, only where searched, as by
     default. Else all are now; plans are the same. Costs of steps by the slope always are."""

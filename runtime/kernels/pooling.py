@@ -19,6 +19,8 @@ from nnpp_edge.runtime.kernels.nodes import (
 )
 from nnpp_edge.runtime.kernels.records import Area, Level
 
+NO_AREA = Area(1 << 31, 0, 1 << 31, 0)
+"""That holds no cell."""
 FACTOR = 4
 """Cells of a level to the side of a cell of the next coarser one."""
 CELLS_BELOW = FACTOR * FACTOR
@@ -393,6 +395,14 @@ def around(area, level):
     col0 = max(area.col0 - 1, 0)
     col1 = min(area.col1 + 1, level.cols)
     return Area(row0, row1, col0, col1)
+
+
+@inlined
+def with_cell(area, row, col):
+    """The rectangle that holds another and a cell."""
+    row0 = min(area.row0, row)
+    row1 = max(area.row1, row + 1)
+    return Area(row0, row1, min(area.col0, col), max(area.col1, col + 1))
 
 
 @inlined

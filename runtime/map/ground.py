@@ -6,14 +6,14 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D, as_map, in_blocks, numbers
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
-from nnpp_edge.runtime.options import LAYER_TERMS, STEP_COSTS, TERMS
+from nnpp_edge.runtime.options import LAYER_TERMS, STEP_COSTS, TERMS, GroundOptions
 from nnpp_edge.runtime.terrain.step_cost import StepCost, StepModel
 
 if TYPE_CHECKING:
@@ -75,10 +75,12 @@ class Ground:
         if (self.cost is None) == (self.elevation is None):
             raise InvalidMapError("wanted either cost or elevation, got both or neither")
         _ = self.shape
-        self._check_layers()
         if self.elevation is not None:
             if self.cell_size_m is None:
                 raise InvalidMapError("wanted cell_size_m, the side of a cell, with elevations")
+            for term in LAYER_TERMS:
+                if term.words not in self.layers and getattr(self.limits, term.weight) > 0.0:
+                    raise InvalidMapError(f"{term.weight} counts a layer: wanted {term.words} too")
             slope_cost = self.slope_cost  # refused now
             if self.vehicle is not None:
                 from nnpp_edge.runtime.robots.slope.cost import Mobility
@@ -117,36 +119,16 @@ class Ground:
         if self.cell_size_m is None:
             raise InvalidMapError("wanted cell_size_m, the side of a cell, with a vehicle")
 
-    def _check_layers(self) -> None:
-        """InvalidMapError unless there is a layer for each term that counts."""
-        terms = () if self.elevation is None else LAYER_TERMS
-        weights = {term.words: getattr(self.limits, term.weight) for term in terms}
-        counted = {name for name, weight in weights.items() if weight > 0.0}
-        if not counted <= self.layers.keys() <= weights.keys():
-            wanted = ", ".join(sorted(counted or weights)) or "none"
-            got = ", ".join(self.layers) or "none"
-            raise InvalidMapError(f"layers of the map must be {wanted}, got {got}")
-        layers = {name: as_map(each, name) for name, each in self.layers.items()}
-        for name, each in layers.items():
-            if each.shape != self.shape:
-                raise InvalidMapError(f"{name} must have {self.shape} cells, got {each.shape}")
-        object.__setattr__(self, "layers", layers)
-
     @classmethod
     def of_elevation(
         cls,
         elevation: Float2D,
         cell_size_m: float,
         traversability: "Traversability | None" = None,
-        *,
-        cell_width_m: float | None = None,
-        vehicle: "Vehicle | None" = None,
-        step_cost: str = StepCost.PAPER,
-        mobility: "Mobility | None" = None,
+        **more: Unpack[GroundOptions],
     ) -> "Ground":
         """Of heights; arguments as the attributes."""
-        place = (None, elevation, cell_size_m, cell_width_m)
-        return cls(*place, traversability, vehicle, step_cost, mobility)
+        return cls(None, elevation, cell_size_m, traversability=traversability, **more)
 
     @classmethod
     def of_coarse(
@@ -156,22 +138,20 @@ class Ground:
         factor: int,
         traversability: "Traversability | None" = None,
         *,
-        prior: str = "network",
         model: str | Path = "unseen",
-        cell_width_m: float | None = None,
-        vehicle: "Vehicle | None" = None,
-        step_cost: str = StepCost.PAPER,
-        mobility: "Mobility | None" = None,
+        **more: Unpack[GroundOptions],
     ) -> "Ground":
         """Of a coarse map: `dem` (H, W) has the means of `factor` × `factor` cells, blocks of
         `cell_size_m` by `cell_width_m`; else as the attributes.
         """
         if factor < 1:
             raise InvalidQueryError(f"factor must be at least 1, got {factor}")
-        width = None if cell_width_m is None else cell_width_m / factor
-        place = (None, dem, cell_size_m / factor, width)
-        robot = (traversability, vehicle, step_cost, mobility)
-        return cls(*place, *robot, factor, prior, model)
+        if (width := more.get("cell_width_m")) is not None:
+            more["cell_width_m"] = width / factor
+        known = (dem, cell_size_m / factor)
+        return cls(
+            None, *known, traversability=traversability, factor=factor, prior_model=model, **more
+        )
 
     @property
     def sides_m(self) -> tuple[float, float]:
@@ -229,7 +209,7 @@ class Ground:
 
     def priced(self, cost: Float2D) -> "Ground":
         """Itself with the cost (H, W) of each cell in place of heights, where these say no more."""
-        return replace(self, cost=cost, elevation=None, layers={}) if self.by_costs else self
+        return replace(self, cost=cost, elevation=None) if self.by_costs else self
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -4,8 +4,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from nnpp_edge.runtime.arrays import Bool, Float2D, Floats
+from nnpp_edge.runtime.arrays import Bool, Float2D, Floats, as_map
 from nnpp_edge.runtime.cells import Rectangle, slices
+from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.along import Line, heights_at
 from nnpp_edge.runtime.map.grid import ALL_SEEN, Grid, bordered
@@ -51,8 +52,11 @@ class Heights(Lowest):
         """(H, W) float32, relative to `base`; not finite where unknown. To be read only."""
         self.told: Float2D | None = None
         """(H, W) of `Told`, which the tiles weigh with these; None while nothing was."""
-        self.given = {name: np.array(each) for name, each in ground.layers.items()}
+        self.given = {name: np.array(as_map(each, name)) for name, each in ground.layers.items()}
         """(H, W) of each `Given`."""
+        for name, each in self.given.items():
+            if each.shape != ground.shape:
+                raise InvalidMapError(f"{name} must have {ground.shape} cells, got {each.shape}")
 
     @property
     def heights(self) -> "Heights":  # type: ignore[override]
