@@ -11,6 +11,8 @@ Cell = tuple[int, int]
 """(row, col)."""
 Shape = tuple[int, int]
 """Rows and columns of a map."""
+Sides = tuple[float, float]
+"""Height and width of a cell, metres."""
 Endpoints = tuple[Cell, Cell]
 """Start and goal."""
 Rectangle = tuple[int, int, int, int]

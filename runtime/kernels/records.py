@@ -101,7 +101,9 @@ class TileSource(NamedTuple):
     costed: Int64s
     """(1,) cells of computed tiles."""
     told: Floats
-    """(rows · cols,) costs that were told, or (0,): a cell weighs by the greater of both."""
+    """(rows · cols,) costs that were told: a cell weighs by the greater of both."""
+    tells: Bools
+    """(1,) whether any was."""
     added: Floats
     """(rows · cols,) what layers add to the cost by heights, or (0,)."""
     block_side: int

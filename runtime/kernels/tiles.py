@@ -258,7 +258,7 @@ def _weigh(source, area, out, first, stride):
         )
     if blocks:
         _weigh_unseen(source, area, out, first, stride)
-    if len(source.added) == 0 and len(source.told) == 0:
+    if len(source.added) == 0 and not source.tells[0]:
         return
     scale = source.rule[SCALE]
     most = float32(MOST_COST * scale)
@@ -269,7 +269,7 @@ def _weigh(source, area, out, first, stride):
             if len(source.added) and out[at] < inf:
                 weight = out[at] + float32(source.added[cell] * scale)
                 out[at] = min(weight, most) if weight < inf else weight
-            cost = source.told[cell] if len(source.told) else float32(0.0)
+            cost = source.told[cell]
             if cost > 0.0:
                 weight = float32(cost * scale) if cost < 1.0 else float32(inf)
                 out[at] = max(out[at], weight)

@@ -2,7 +2,7 @@
 
 from numpy import float32, float64, inf, int32
 
-from nnpp_edge.runtime.compiled.kernel import inlined, kernel
+from nnpp_edge.runtime.compiled.kernel import kernel
 from nnpp_edge.runtime.kernels.pooling import NO_AREA, with_cell
 from nnpp_edge.runtime.kernels.records import Bounds, CostLimits
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D, as_map, in_blocks, numbers
+from nnpp_edge.runtime.cells import Sides
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 from nnpp_edge.runtime.options import LAYER_TERMS, STEP_COSTS, TERMS, GroundOptions
 from nnpp_edge.runtime.terrain.step_cost import StepCost, StepModel
@@ -154,7 +155,7 @@ class Ground:
         )
 
     @property
-    def sides_m(self) -> tuple[float, float]:
+    def sides_m(self) -> Sides:
         """Height and width of a cell, metres; 1 where none is known. InvalidMapError if one is no
         positive number.
         """

@@ -50,8 +50,10 @@ class Heights(Lowest):
             heights = heights.copy()
         self.array = heights
         """(H, W) float32, relative to `base`; not finite where unknown. To be read only."""
-        self.told: Float2D | None = None
-        """(H, W) of `Told`, which the tiles weigh with these; None while nothing was."""
+        self.told: Float2D = virtual_zeros(heights.size, np.float32).reshape(heights.shape)
+        """(H, W) of `Told`, which the tiles weigh with these; 0 where nothing was."""
+        self.tells = np.zeros(1, np.bool_)
+        """(1,) whether anything was."""
         self.given = {name: np.array(as_map(each, name)) for name, each in ground.layers.items()}
         """(H, W) of each `Given`."""
         for name, each in self.given.items():
@@ -75,7 +77,7 @@ class Heights(Lowest):
         self.grid = Grid(rows, cols, self._model, self._cutting, weights)
         place = (self.array, rule, weights, self._cutting, coarsest)
         added = self.added((0, 0, rows, cols))
-        self.tiles = Tiles(*place, self.told, added, blocks)
+        self.tiles = Tiles(*place, self.told, self.tells, added, blocks)
         self.grid.compute_by(self.tiles)
         if blocks is not None:  # whose prices may be greater than any cost
             self.grid.set_bounds(self.grid.least, MOST_PRICE * self._model.scale)
@@ -116,7 +118,7 @@ class Heights(Lowest):
 
         None where there is nothing of the kind.
         """
-        shut = None if self.told is None else self.told[slices(part)] >= 1.0
+        shut = self.told[slices(part)] >= 1.0 if self.tells else None
         return self.known(part), shut, self.added(part)
 
     def metres_at(self, places: Line) -> Floats:
@@ -157,9 +159,7 @@ class Told(Layer):
         grid = self._heights.grid
         if grid.model.refuses(patch):
             grid.model.refuse(float(np.nanmin(patch)))
-        if self._heights.told is None:
-            self._heights.told = self._heights.tiles.tell_from_now_on()
-            grid.pack()
+        self._heights.tells[0] = True
         known = ~np.isnan(patch)
         if seen is not None:
             known &= seen

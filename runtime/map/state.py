@@ -122,11 +122,6 @@ class MapState:
         return "heights" in self.layers
 
     @property
-    def told(self) -> Float2D | None:
-        """(H, W) costs that were told, on a map of heights; None while none were. Read only."""
-        return None if self.heights is None else self.heights.told
-
-    @property
     def room(self) -> Packed | None:
         """Obstacles that a disc's lines must keep away from, see `records.Room`."""
         return self.grid.robot.stance.room(self.point)
@@ -188,12 +183,8 @@ class MapState:
         numbers = layer.read(patch)
         part = patch_at((row, col), numbers.shape, self.shape)
         keeps = self.log.keeps_old_weights
-        before = self.point.packed
         one = self.grid is self.point
         change, new = layer.put(part, numbers, seen, keeps=keeps and one)
-        if self.point.packed is not before:  # the layer's array has become another
-            for level in self._pyramid.levels[1:] if self._pyramid else ():
-                level.grid.pack()
         if not one and (new[2] or change.cells):
             down, right = self.grid.robot.stance.reach
             touched = enclosing([each for each in (new, change.part) if each[2]])
@@ -216,7 +207,8 @@ class MapState:
         another changes the map or plans on it: then it is some of the old map and some of the new.
         """
         cost = self._lowest.cost()
-        return cost if self.told is None else np.maximum(cost, self.told)
+        heights = self.heights
+        return np.maximum(cost, heights.told) if heights is not None and heights.tells else cost
 
     def elevation(self) -> Float2D | None:
         """(H, W) metres, NaN where unknown, a copy; None for a map of costs. Any thread may ask, as
@@ -233,11 +225,6 @@ class MapState:
         was to keep them.
         """
         return self._lowest.unknown(rows, cols)
-
-    def known_heights(self, part: Rectangle) -> Float2D:
-        """Heights of a part of a map of heights, NaN where they mean nothing."""
-        assert self.heights is not None
-        return self.heights.known(part)
 
     def known_along(self, path: Cells) -> int:
         """Number of the cells of a path (N, 2), from its first on, that are known, with all under a

@@ -46,7 +46,6 @@ from nnpp_edge.runtime.kernels.tiles import (
 )
 from nnpp_edge.runtime.kernels.traversability import RULE_SLOTS
 from nnpp_edge.runtime.map.changes import Change
-from nnpp_edge.runtime.memory import virtual_zeros
 from nnpp_edge.runtime.tuning import TILE_COLS, TILE_ROWS
 
 _EVERYWHERE = 62
@@ -67,6 +66,7 @@ _NO_SOURCE = TileSource(
     links=np.empty(0, np.uint8),
     costed=np.zeros(1, np.int64),
     told=_NONE,
+    tells=np.zeros(1, np.bool_),
     added=_NONE,
     block_side=0,
     block_cols=0,
@@ -103,10 +103,10 @@ class Tiles:
     `heights` (H, W) float32 in metres, not finite where unknown, are kept, and changed by `write`
     alone; `rule` as for `fill_weights`; `weights` and `corner_cutting` are those of the map's grid.
     Tiles consist of whole cells of the coarsest level, which are `coarsest` cells to the side.
-    `told` as from `tell_from_now_on`, if anything was told before; `added` as `Traversability.added`
-    says. `unseen` (2, I, J) float32 are
-    the prices of blocks, and what is known of their heights, see `kernels.tiles.UNTOUCHED`, on a
-    map of which blocks are known.
+    `told` (H, W) float32 are costs that were told, 0 where none was, inf where shut, and `tells`
+    (1,) whether any was; `added` (H, W) what layers add to costs, if anything. `unseen` (2, I, J)
+    float32 are the prices of blocks, and what is known of their heights, see
+    `kernels.tiles.UNTOUCHED`, on a map of which blocks are known.
     """
 
     def __init__(
@@ -116,7 +116,8 @@ class Tiles:
         weights: Float32s,
         corner_cutting: bool,
         coarsest: int,
-        told: Float2D | None = None,
+        told: Float2D,
+        tells: Bool,
         added: Float2D | None = None,
         unseen: Float32s | None = None,
     ) -> None:
@@ -136,7 +137,8 @@ class Tiles:
             col_shift=wide.bit_length() - 1,
             corner_cutting=corner_cutting,
             costed=np.zeros(1, np.int64),
-            told=_NONE if told is None else told.reshape(-1),
+            told=told.reshape(-1),
+            tells=tells,
             added=_NONE if added is None else added.reshape(-1),
         )
         """What the kernels compute by."""
@@ -157,7 +159,7 @@ class Tiles:
 
     @property
     def told(self) -> Float32s:
-        """(H · W,) float32, costs that were told; empty where none ever was."""
+        """(H · W,) float32, costs that were told."""
         return self._source.told
 
     def packed(self, number: int = 0) -> Packed:
@@ -217,14 +219,6 @@ class Tiles:
                     deadline.check()
         self.state |= SURROUNDED
         self._source.costed[0] = rows * cols
-
-    def tell_from_now_on(self) -> Float2D:
-        """(H, W) float32, costs that were told, 0 where none was, inf where shut; to be called
-        before any is written.
-        """
-        told = virtual_zeros(self.heights.size, np.float32)
-        self._source = self._source._replace(told=told)
-        return told.reshape(self.shape)
 
     def write(
         self,

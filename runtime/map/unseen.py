@@ -77,8 +77,7 @@ class Unseen:
         node = cells @ (grid.cols, 1)
         known = np.isfinite(grid.tiles.heights.reshape(-1)[node])
         known &= (self.layers[1][at] == BLOCK_SEEN)[:, None]
-        if len(grid.tiles.told):
-            known |= grid.tiles.told[node] > 0.0
+        known |= grid.tiles.told[node] > 0.0
         costs = grid.weights[(cells + 1) @ (grid.stride, 1)] / np.float32(grid.model.scale or 1.0)
         shut = known & ~(costs < np.inf)
         costs = np.where(shut, np.float32(1.0), np.where(known, costs, np.float32(0.0)))

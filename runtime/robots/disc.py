@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from nnpp_edge.runtime.arrays import Bool
-from nnpp_edge.runtime.cells import Cell, Rectangle, slices, widened
+from nnpp_edge.runtime.cells import Cell, Rectangle, Sides, slices, widened
 from nnpp_edge.runtime.kernels.records import Packed, Room
 from nnpp_edge.runtime.robots.robot import Robot, Stance
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 class DiscStance(Stance):
     """On a point's map, whose obstacles are wider by a radius."""
 
-    def __init__(self, radius_m: float, sides_m: tuple[float, float]) -> None:
+    def __init__(self, radius_m: float, sides_m: Sides) -> None:
         self._radius_m = radius_m
         dy, dx = self._sides = sides_m
         # a disc half a step away is within this of the cell, as far as it is not within it of the

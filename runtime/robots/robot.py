@@ -71,10 +71,6 @@ class Stance:
         """Obstacles of a point's map that its lines must keep away from, see `records.Room`."""
         return None
 
-    def weights(self, grid: "Grid") -> Float32s:
-        """(nodes,) inf where no step may lead; empty where the moves' states decide."""
-        return grid.weights
-
     def stands_at(self, grid: "Grid", cell: Cell) -> bool:
         """Whether a cell of the map can be stood on."""
         if grid.tiles is not None:

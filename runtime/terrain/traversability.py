@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D, as_map, unmasked
 from nnpp_edge.runtime.bands import in_bands
-from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.cells import Cell, Sides
 from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.kernels.traversability import (
     MOST_COST,
@@ -223,7 +223,7 @@ def terrain_terms(
 
 
 def _terms(
-    heights: Float2D, sides_m: tuple[float, float], apart: tuple[int, int] = (1, 1)
+    heights: Float2D, sides_m: Sides, apart: tuple[int, int] = (1, 1)
 ) -> NDArray[np.float64]:
     """(N, h, w) terms of cells that lie so many rows and columns apart."""
     shape = [
@@ -234,7 +234,7 @@ def _terms(
     return out
 
 
-def _told_at(dem: Float2D, cell: Cell, sides_m: tuple[float, float]) -> list[tuple[Term, float]]:
+def _told_at(dem: Float2D, cell: Cell, sides_m: Sides) -> list[tuple[Term, float]]:
     """Terms of a cell and its steepest step to a known neighbour, in the units of their limits;
     nothing of an unknown one.
     """
@@ -256,7 +256,7 @@ def _told_at(dem: Float2D, cell: Cell, sides_m: tuple[float, float]) -> list[tup
     ]
 
 
-def terms_in_words(dem: Float2D, cell: Cell, sides_m: tuple[float, float]) -> str:
+def terms_in_words(dem: Float2D, cell: Cell, sides_m: Sides) -> str:
     """Terms of a cell, and its steepest step; empty for an unknown one."""
     words = []
     for term, value in _told_at(dem, cell, sides_m):
@@ -265,9 +265,7 @@ def terms_in_words(dem: Float2D, cell: Cell, sides_m: tuple[float, float]) -> st
     return ", ".join(words)
 
 
-def why_impassable(
-    dem: Float2D, cell: Cell, sides_m: tuple[float, float], limits: Traversability
-) -> str:
+def why_impassable(dem: Float2D, cell: Cell, sides_m: Sides, limits: Traversability) -> str:
     """Why a cell is impassable, which it is: the limit that it passes."""
     told = _told_at(dem, cell, sides_m)
     for term, value in told:
@@ -279,7 +277,7 @@ def why_impassable(
     return f"{names} are all at their limits" if told else "its elevation is unknown"
 
 
-def sides_of(cell_size_m: float, cell_width_m: float | None) -> tuple[float, float]:
+def sides_of(cell_size_m: float, cell_width_m: float | None) -> Sides:
     """Height and width of a cell; InvalidMapError where one is not a positive number."""
     dy = float(cell_size_m)
     dx = float(cell_size_m if cell_width_m is None else cell_width_m)
@@ -313,7 +311,7 @@ def relative_heights(dem: ArrayLike, base: float | None = None) -> tuple[Float2D
 def warn_of_saturation(
     heights: Float2D,
     limits: Traversability,
-    sides_m: tuple[float, float],
+    sides_m: Sides,
     stacklevel: int = 4,
 ) -> None:
     """`SaturationWarning` where one applies, by a sample of the cells."""

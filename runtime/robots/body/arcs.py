@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from nnpp_edge.runtime.arrays import Bool, Floats, Int32, Int64
+from nnpp_edge.runtime.cells import Sides
 from nnpp_edge.runtime.kernels.lattice import DIRECTION_COUNT, LEG_COLS, LEG_ROWS
 from nnpp_edge.runtime.kernels.poses import AXIS_COUNT
 from nnpp_edge.runtime.robots.body.primitives import curve, heading_rad, turn_rad
@@ -68,28 +69,28 @@ class Arc:
         return [self.at((k + 1) / count) for k in range(count)]
 
 
-def heading_deg(direction: int, sides_m: tuple[float, float]) -> float:
+def heading_deg(direction: int, sides_m: Sides) -> float:
     """Of one of the sixteen directions, degrees clockwise from grid north."""
     return (180.0 - math.degrees(heading_rad(direction % DIRECTION_COUNT, sides_m))) % 360.0
 
 
-def direction_near(heading: float, sides_m: tuple[float, float]) -> int:
+def direction_near(heading: float, sides_m: Sides) -> int:
     """The direction whose heading is nearest to one in degrees."""
     return int(np.argmin(_apart(heading, sides_m)))
 
 
-def directions_within(heading: float, tolerance_deg: float, sides_m: tuple[float, float]) -> Bool:
+def directions_within(heading: float, tolerance_deg: float, sides_m: Sides) -> Bool:
     """(16,) those whose heading lies so near to one in degrees; the nearest always."""
     apart = _apart(heading, sides_m)
     return apart <= max(tolerance_deg, float(apart.min()))
 
 
-def _apart(heading: float, sides_m: tuple[float, float]) -> Floats:
+def _apart(heading: float, sides_m: Sides) -> Floats:
     headings = np.array([heading_deg(k, sides_m) for k in range(DIRECTION_COUNT)])
     return np.abs((headings - heading + 180.0) % 360.0 - 180.0)
 
 
-def arcs_along(states: Int32, vehicle: Vehicle, sides_m: tuple[float, float]) -> tuple[Arc, ...]:
+def arcs_along(states: Int32, vehicle: Vehicle, sides_m: Sides) -> tuple[Arc, ...]:
     """The pieces that a body drives along states (N, 3) of a path, those of the same kind
     joined.
     """
@@ -117,7 +118,7 @@ def _pieces(
     k: int,
     to: int,
     vehicle: Vehicle,
-    sides_m: tuple[float, float],
+    sides_m: Sides,
 ) -> Iterator[tuple[int, float, float, float]]:
     """(gear, curvature, metres, degrees) of a primitive between two states."""
     down = after[0] - before[0]
@@ -165,7 +166,7 @@ class Drive(NamedTuple):
     """(N,) numbers of the states that these pieces come from."""
 
 
-def drive_along(states: Int32, vehicle: Vehicle, sides_m: tuple[float, float]) -> Drive:
+def drive_along(states: Int32, vehicle: Vehicle, sides_m: Sides) -> Drive:
     """The drive of a body along states (N, 3) of a path, pose by pose."""
     places = states[:, 1::-1] * sides_m[::-1]
     numbers = states[:, 2].tolist()
@@ -189,7 +190,7 @@ def _motion(
     move: tuple[int, int],
     ends: tuple[int, int],
     vehicle: Vehicle,
-    sides_m: tuple[float, float],
+    sides_m: Sides,
 ) -> Floats:
     """(N, 5) pose, gear and curvature along a motion between two states, from cell (0, 0) on."""
     states = np.array(((0, 0, ends[0]), (*move, ends[1])), np.int32)

@@ -24,7 +24,7 @@ from nnpp_edge.runtime.arrays import (
     Int64,
     UInt16,
 )
-from nnpp_edge.runtime.cells import Cell, Rectangle, slices, widened
+from nnpp_edge.runtime.cells import Cell, Rectangle, Sides, slices, widened
 from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.kernels import records
 from nnpp_edge.runtime.kernels.by_address import address_of
@@ -92,7 +92,7 @@ class Poses:
     def __init__(
         self,
         heights: Float2D,
-        sides_m: tuple[float, float],
+        sides_m: Sides,
         vehicle: Vehicle,
         weights: tuple[float, float, float],
         scale: float,
@@ -213,8 +213,8 @@ class Poses:
         """Put heights into the map, (h, w) float32 that lie inside it, and forget the motions that
         they touch.
 
-        `shut` and `added` as for the class, of these cells. Returns the rectangle of cells whose motions may
-        have changed.
+        `shut` and `added` as for the class, of these cells. Returns the rectangle of cells whose
+        motions may have changed.
         """
         self._put(row, col, heights, shut, added)
         rows, cols = heights.shape
@@ -372,7 +372,7 @@ def _rated(codes: UInt16, kind: type[Float]) -> NDArray[Float]:
     return np.where(codes < FAILS, rated, kind(np.inf))
 
 
-def between(turns: NDArray[np.floating]) -> Float32s:
+def between(turns: Floats) -> Float32s:
     """(16, 16) what the shorter turn from each direction to each other costs, given (8,) of those
     to the next.
     """

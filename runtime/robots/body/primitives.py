@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from nnpp_edge.runtime.arrays import Float32s, Int32
+from nnpp_edge.runtime.cells import Sides
 from nnpp_edge.runtime.kernels.lattice import (
     DIRECTION_COUNT,
     LEFT_TURN,
@@ -91,19 +92,19 @@ class Curve(NamedTuple):
         return ahead, self.radius_m * (1.0 - math.cos(turned)) + rest * math.sin(turned), turned
 
 
-def heading_rad(direction: int, sides_m: tuple[float, float]) -> float:
+def heading_rad(direction: int, sides_m: Sides) -> float:
     """Angle of a direction from down the rows, rising towards growing columns, on the ground."""
     row = LEG_ROWS[direction % DIRECTION_COUNT]
     col = LEG_COLS[direction % DIRECTION_COUNT]
     return math.atan2(col * sides_m[1], row * sides_m[0])
 
 
-def turn_rad(direction: int, sides_m: tuple[float, float]) -> float:
+def turn_rad(direction: int, sides_m: Sides) -> float:
     """Angle from a direction to the next."""
     return (heading_rad(direction + 1, sides_m) - heading_rad(direction, sides_m)) % (2.0 * math.pi)
 
 
-def curve(direction: int, sides_m: tuple[float, float], radius_m: float) -> Curve:
+def curve(direction: int, sides_m: Sides, radius_m: float) -> Curve:
     """The shortest from a direction to the next whose arc has at least this radius."""
     angle = turn_rad(direction, sides_m)
     after = (direction + 1) % DIRECTION_COUNT
@@ -122,7 +123,7 @@ def curve(direction: int, sides_m: tuple[float, float], radius_m: float) -> Curv
     )
 
 
-def sharpest_m(radius_m: float, sides_m: tuple[float, float]) -> float:
+def sharpest_m(radius_m: float, sides_m: Sides) -> float:
     """Radius of the sharpest arc of them all, where none may be below `radius_m`."""
     return min(curve(k, sides_m, radius_m).radius_m for k in range(DIRECTION_COUNT))
 
@@ -141,7 +142,7 @@ class Primitives(NamedTuple):
 
 
 @functools.lru_cache(maxsize=16)
-def primitives(vehicle: Vehicle, sides_m: tuple[float, float]) -> Primitives:
+def primitives(vehicle: Vehicle, sides_m: Sides) -> Primitives:
     """Of a vehicle on cells of these sides, heights and widths."""
     geared = vehicle.gear_change_m > 0.0 and vehicle.reverse_cost is not None
     gears = (FORWARDS, BACKWARDS) if geared else (FORWARDS,)
@@ -188,9 +189,7 @@ def primitives(vehicle: Vehicle, sides_m: tuple[float, float]) -> Primitives:
     return Primitives(moves, fares, origins, rays, np.array(lengths, _FLOAT), shortest)
 
 
-def _ways(
-    vehicle: Vehicle, sides_m: tuple[float, float]
-) -> Iterator[tuple[int, int, Move, float, int]]:
+def _ways(vehicle: Vehicle, sides_m: Sides) -> Iterator[tuple[int, int, Move, float, int]]:
     """Direction, kind, primitive, its cells, and gear (0 on the spot)."""
     gears = (1,) if vehicle.reverse_cost is None else (1, -1)
     for k in range(DIRECTION_COUNT):

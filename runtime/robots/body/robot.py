@@ -72,9 +72,6 @@ class BodyStance(Stance):
     def checks(self) -> int:
         return self.poses.checked
 
-    def weights(self, grid: "Grid") -> Float32s:
-        return np.empty(0, np.float32)
-
     def stands_at(self, grid: "Grid", cell: Cell) -> bool:
         return self.poses.stands_at(cell)
 

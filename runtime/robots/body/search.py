@@ -202,7 +202,6 @@ class FromGoal:
         at_goal: Bool,
     ) -> None:
         states = grid.robot.states()
-        assert states is not None
         self.memory = workspace.from_goal
         self.expansions = 0
         self.refused = math.inf
@@ -241,9 +240,8 @@ def search_states(
     is known of those that lead out of it.
     """
     robot = grid.robot
-    states = robot.states()
     field = workspace.field
-    assert states is not None and field is not None
+    assert field is not None
     first = grid.node(*query.start)
     last = grid.node(*query.goal)
     if first == last and _may_stay(query):
@@ -354,7 +352,7 @@ def by_field(
     """The search over states, once the field is there."""
     states = grid.robot.states()
     field = workspace.field
-    assert states is not None and field is not None
+    assert field is not None
     start = divmod(guide.begun, grid.stride)
     judge = Field(field.g, field.meta, field.stamp, *start, guide.promised, guide.turns)
     starting, at_goal = np.ones((2, workspace.states), np.bool_)
@@ -437,7 +435,6 @@ def _frame(grid: "Grid", workspace: Workspace) -> Packed:
 def turns_in_field(grid: "Grid", query: Query, region: Region | None) -> Float32s:
     """Costs of turns in the costs to go of cells; on the whole map they are free."""
     states = grid.robot.states()
-    assert states is not None
     if region is None:
         return states.prices.turns[:0]
     share = grid.robot.moves.turns_in_field(query.apart)

@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.cells import Sides
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.directed import PER_SLOPE, STEEPEST
 
@@ -64,7 +65,7 @@ class SlopeCost(ABC):
         above it.
         """
 
-    def ground(self, dem: Float2D, sides_m: tuple[float, float]) -> Float2D:
+    def ground(self, dem: Float2D, sides_m: Sides) -> Float2D:
         """How many times as dear a metre is on each cell of a map of heights, (H, W) from 1 up; (0,
         0) where that does not count.
 

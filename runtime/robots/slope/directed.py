@@ -10,11 +10,10 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.arrays import Cells, Float2D, Float32s, Floats, UInt16
 from nnpp_edge.runtime.bands import in_bands, stripes
-from nnpp_edge.runtime.cells import Cell, Rectangle, enclosing, slices, widened
+from nnpp_edge.runtime.cells import Cell, Rectangle, Sides, enclosing, holding, slices, widened
 from nnpp_edge.runtime.kernels.directed import join_steps, pool_steps, price_steps
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.kernels.records import FinerSteps, SlopePrices, Ways
@@ -43,9 +42,7 @@ class GroundPrice(Price):
     metre's on the mean of both ends' ground, the same both ways.
     """
 
-    def __init__(
-        self, heights: Float2D, sides_m: tuple[float, float], model: SlopeCost, point: "Grid"
-    ) -> None:
+    def __init__(self, heights: Float2D, sides_m: Sides, model: SlopeCost, point: "Grid") -> None:
         self._place = model, heights, sides_m
         self._point = point
         self._cell = np.float32(sides_m[0] * float(model.cost(1.0, 0.0)))
@@ -55,14 +52,12 @@ class GroundPrice(Price):
         weights: Float2D = self._cell * _ground_of(*self._place, part)
         return weights
 
-    def costs_of(self, grid: "Grid", path: NDArray[np.int32]) -> PathCosts:
+    def costs_of(self, grid: "Grid", path: Cells) -> PathCosts:
         cost, length, _ = super().costs_of(grid, path)
         return cost, length, super().costs_of(self._point, path)[2]
 
 
-def _ground_of(
-    model: SlopeCost, heights: Float2D, sides_m: tuple[float, float], part: Rectangle
-) -> Float2D:
+def _ground_of(model: SlopeCost, heights: Float2D, sides_m: Sides, part: Rectangle) -> Float2D:
     """(h, w) how many times as dear a metre is on the cells of a part; (0, 0) where that does not
     count.
     """
@@ -103,9 +98,9 @@ class CoarseSlopePrice(Price):
     def average(
         self,
         finer: FinerSteps,
-        pieces: NDArray[np.uint16],
+        pieces: UInt16,
         area: Rectangle,
-        obstacle: NDArray[np.float32],
+        obstacle: Float32s,
     ) -> None:
         """Bring a rectangle of this level's cells up to date, and their steps.
 
@@ -136,7 +131,7 @@ class DirectedPrice(Price):
     def __init__(
         self,
         heights: Float2D,
-        sides_m: tuple[float, float],
+        sides_m: Sides,
         model: SlopeCost,
         grid: "Grid",
     ) -> None:
@@ -154,10 +149,11 @@ class DirectedPrice(Price):
         self.metre = float(model.cost(1.0, 0.0))
         leads = np.array(self._under.moves.ways, np.int64)
         lengths = np.hypot(*(leads * sides_m).T)
-        self._weights = self._under.stance.weights(grid)
-        if len(self._weights):
+        by_weights = self._under.moves.over == CELLS
+        if by_weights:
             grid.complete()
-        self._ways = Ways(leads, lengths, len(self._weights) > 0, grid.corner_cutting)
+        self._weights = grid.weights
+        self._ways = Ways(leads, lengths, by_weights, grid.corner_cutting)
         kinks, level, gradient = model.table
         gradient = gradient - model.height_price
         prices = model.least_per_m, model.height_price
@@ -199,19 +195,17 @@ class DirectedPrice(Price):
         changed = (here != before).any(2)
         if not changed.any():
             return change
-        found = np.argwhere(changed)
-        (top, left), (bottom, right) = found.min(0).tolist(), found.max(0).tolist()
-        steps = row + top, col + left, bottom - top + 1, right - left + 1
-        whole = enclosing([steps, change.part]) if change.cells else steps
+        found = np.argwhere(changed) + np.array((row, col))
+        parts = [holding(found), change.part] if change.cells else [holding(found)]
         cheaper = change.cheaper or bool((here < before).any())
-        return change._replace(part=whole, cells=max(change.cells, len(found)), cheaper=cheaper)
+        return change._replace(
+            part=enclosing(parts), cells=max(change.cells, len(found)), cheaper=cheaper
+        )
 
     def edges(self, backwards: bool = False) -> Edges:
         return self._edges
 
-    def walk(
-        self, grid: "Grid", path: NDArray[np.int32], first: int, costs: NDArray[np.float64]
-    ) -> int:
+    def walk(self, grid: "Grid", path: Cells, first: int, costs: Floats) -> int:
         blocked = self._under.moves.walk_turns(grid, path, first, costs, self.metre)
         cells = path[first:]
         lengths = np.hypot(*(np.diff(cells, axis=0) * self._sides).T)
@@ -226,7 +220,7 @@ class DirectedPrice(Price):
         costs[first] = 0.0
         return blocked
 
-    def costs_of(self, grid: "Grid", path: NDArray[np.int32]) -> PathCosts:
+    def costs_of(self, grid: "Grid", path: Cells) -> PathCosts:
         cost, length, traverse_cost = self._under.price.costs_of(grid, path)
         if len(path):
             costs = np.zeros(len(path))
