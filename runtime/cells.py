@@ -35,6 +35,14 @@ def coarser(cell: Cell, factor: int) -> Cell:
     return cell[0] // factor, cell[1] // factor
 
 
+def above(part: Rectangle, factor: int) -> Rectangle:
+    """The cells of `factor` × `factor` cells in which those of a rectangle lie."""
+    row, col, rows, cols = part
+    top, left = coarser((row, col), factor)
+    bottom, right = coarser((row + rows - 1, col + cols - 1), factor)
+    return top, left, bottom - top + 1, right - left + 1
+
+
 def patch_at(origin: Cell, patch: tuple[int, ...], shape: tuple[int, int]) -> Rectangle:
     """Where a patch of (rows, cols) cells goes; InvalidMapError unless that lies inside a map of
     this shape.

@@ -136,13 +136,9 @@ def assert_same_levels(pyramid, other):
         if ours.links is not None:
             np.testing.assert_array_equal(ours.links, theirs.links)
             steps = ours.grid.robot.price
-            if steps.edges() is not None:
-                np.testing.assert_allclose(
-                    steps.edges(), theirs.grid.robot.price.edges(), rtol=1e-5
-                )
-                np.testing.assert_allclose(
-                    steps.backwards, theirs.grid.robot.price.backwards, rtol=1e-5
-                )
+            for backwards in () if steps.edges() is None else (False, True):
+                wanted = theirs.grid.robot.price.edges(backwards)
+                np.testing.assert_allclose(steps.edges(backwards), wanted, rtol=1e-5)
 
 
 def test_a_coarse_weight_is_the_mean_with_walls_as_obstacles():

@@ -54,7 +54,7 @@ from nnpp_edge.runtime.kernels.records import (
 )
 from nnpp_edge.runtime.memory import virtual_zeros
 from nnpp_edge.runtime.robots.body import motions
-from nnpp_edge.runtime.robots.body.primitives import ARCS, primitives, turn_rad
+from nnpp_edge.runtime.robots.body.primitives import ARCS, primitives
 from nnpp_edge.runtime.terrain.traversability import Traversability, relative_heights, sides_of
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
@@ -158,14 +158,9 @@ class Poses:
         self._record = record._replace(check_run=address)
         self.packed: Packed = tuple(self._record)
         """As the kernels take them."""
-        angles = np.array([turn_rad(k, sides_m) for k in range(AXIS_COUNT)])
-        self.turns_m: Floats = vehicle.turn_m_per_rad * angles
-        """(8,) metres of level ground as dear as the turn from each direction to the next."""
-        self.primitives = primitives(vehicle, sides_m)
-        moves, fares, origins, rays, lengths, _ = self.primitives
-        unit = np.float32(2.0 * scale / MOST_CODE)
-        by_angle = between(self.turns_m / dy)
-        self.prices = Prices(unit, moves, fares, origins, rays, lengths, by_angle)
+        prices, self.shortest = primitives(vehicle, sides_m)
+        """No curve is shorter than so many times the way by legs."""
+        self.prices = prices._replace(unit=np.float32(2.0 * scale / MOST_CODE))
         """Of the vehicle's motions, in cells of level ground."""
         self._put(0, 0, heights, shut, added)
 
@@ -370,16 +365,6 @@ def _rated(codes: UInt16, kind: type[Float]) -> NDArray[Float]:
     """T by the codes of poses, in numbers of this kind; inf of those that fail."""
     rated = (np.maximum(codes, 1) - kind(1)) / kind(MOST_CODE)
     return np.where(codes < FAILS, rated, kind(np.inf))
-
-
-def between(turns: Floats) -> Float32s:
-    """(16, 16) what the shorter turn from each direction to each other costs, given (8,) of those
-    to the next.
-    """
-    at = np.cumsum(np.concatenate(([0.0], turns, turns)))
-    apart = np.abs(at[:-1, None] - at[:-1])
-    found: Float32s = np.minimum(apart, at[-1] - apart).astype(np.float32)
-    return found
 
 
 def limits_of(vehicle: Vehicle, weights: tuple[float, float, float]) -> Float32s:

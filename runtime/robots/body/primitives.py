@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from nnpp_edge.runtime.arrays import Float32s, Int32
+from nnpp_edge.runtime.arrays import Float32s, Floats
 from nnpp_edge.runtime.cells import Sides
 from nnpp_edge.runtime.kernels.lattice import (
     DIRECTION_COUNT,
@@ -26,7 +26,7 @@ from nnpp_edge.runtime.kernels.lattice import (
     left_over,
 )
 from nnpp_edge.runtime.kernels.poses import AXIS_COUNT
-from nnpp_edge.runtime.kernels.records import FARE_COLUMNS, MOVE_COLUMNS, Legs
+from nnpp_edge.runtime.kernels.records import FARE_COLUMNS, MOVE_COLUMNS, Legs, Prices
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
 TURNS = AXIS_COUNT
@@ -46,8 +46,6 @@ _LEFT_ARC = 4
 _RIGHT_ARC = 5
 _BACKWARDS_ON = 2
 """Kinds of primitives after the turns; an arc backwards is so many on."""
-_INT = np.int32
-_FLOAT = np.float32
 
 
 class Move(NamedTuple):
@@ -128,30 +126,21 @@ def sharpest_m(radius_m: float, sides_m: Sides) -> float:
     return min(curve(k, sides_m, radius_m).radius_m for k in range(DIRECTION_COUNT))
 
 
-class Primitives(NamedTuple):
-    """Of a vehicle on cells of certain sides."""
-
-    moves: Int32
-    fares: Float32s
-    origins: Int32
-    rays: Int32
-    ray_fares: Float32s
-    """As of `kernels.records.Prices`. Rays are legs, and then arcs forwards, if there are any."""
-    shortest: float
-    """No curve is shorter than so many times the way by legs."""
-
-
 @functools.lru_cache(maxsize=16)
-def primitives(vehicle: Vehicle, sides_m: Sides) -> Primitives:
-    """Of a vehicle on cells of these sides, heights and widths."""
+def primitives(vehicle: Vehicle, sides_m: Sides) -> tuple[Prices, float]:
+    """Of a vehicle on cells of these sides, heights and widths; no curve is shorter than so many
+    times the way by legs. Rays are legs, and then arcs forwards, if there are any.
+    """
     geared = vehicle.gear_change_m > 0.0 and vehicle.reverse_cost is not None
     gears = (FORWARDS, BACKWARDS) if geared else (FORWARDS,)
-    unit = min(sides_m)
-    found = dict[tuple[int, int], tuple[Move, tuple[float, float]]]()
     ways = list(_ways(vehicle, sides_m))
     kinds = sorted(
         {(kind, before) for _, kind, _, _, gear in ways for before in (gears if gear else (0,))}
     )
+    shape = (len(gears) * DIRECTION_COUNT, len(kinds))
+    moves = np.full((*shape, MOVE_COLUMNS), -1, np.int32)
+    fares = np.zeros((*shape, FARE_COLUMNS), np.float32)
+    origins = np.full(shape, -1, np.int32)
     for k, kind, move, length, gear in ways:
         cells = length * (vehicle.reverse_cost or 1.0) if gear < 0 else length
         for before in gears:
@@ -162,61 +151,66 @@ def primitives(vehicle: Vehicle, sides_m: Sides) -> Primitives:
                 onwards = before
                 fixed_m = vehicle.turn_m_per_rad * turn_rad(move.motion - TURNS, sides_m)
             at = kinds.index((kind, before if gear else 0))
-            fare = (cells, fixed_m / sides_m[0])
-            found[k + before, at] = move._replace(to=move.to + onwards), fare
-    states = len(gears) * DIRECTION_COUNT
-    count = len(kinds)
-    moves = np.full((states, count, MOVE_COLUMNS), -1, _INT)
-    fares = np.zeros((states, count, FARE_COLUMNS), _FLOAT)
-    origins = np.full((states, count), -1, _INT)
-    for (local, at), (move, fare) in found.items():
-        moves[local, at] = move
-        fares[local, at] = fare
-        origins[move.to, at] = local
+            moves[k + before, at] = move._replace(to=move.to + onwards)
+            fares[k + before, at] = cells, fixed_m / sides_m[0]
+            origins[move.to + onwards, at] = k + before
     legs = [_leg(k, k) for k in range(DIRECTION_COUNT)]
     lengths = list(map(math.hypot, LEG_ROWS, LEG_COLS))
     shortest = 1.0
     if vehicle.turning_radius_m is not None:
         for k in range(DIRECTION_COUNT):
             bend = curve(k, sides_m, vehicle.turning_radius_m)
-            cells = bend.length_m / unit
+            cells = bend.length_m / min(sides_m)
             legs.append(Move(bend.down, bend.right, k, ARCS + k, False))
             legs.append(Move(-bend.down, -bend.right, k, ARCS + k, True))
             lengths += [cells, cells]
             by_legs = left_over.py_func(abs(bend.down), abs(bend.right), _LEG_LENGTHS)
             shortest = min(shortest, cells / by_legs)
-    rays = np.array(legs, _INT)
-    return Primitives(moves, fares, origins, rays, np.array(lengths, _FLOAT), shortest)
+    rays = np.array(legs, np.int32), np.array(lengths, np.float32)
+    turns = between(turns_m(vehicle, sides_m) / sides_m[0])
+    return Prices(np.float32(0.0), moves, fares, origins, *rays, turns), shortest
+
+
+def turns_m(vehicle: Vehicle, sides_m: Sides) -> Floats:
+    """(8,) metres of level ground as dear as the turn from each direction to the next."""
+    return vehicle.turn_m_per_rad * np.array([turn_rad(k, sides_m) for k in range(AXIS_COUNT)])
+
+
+def between(turns: Floats) -> Float32s:
+    """(16, 16) what the shorter turn from each direction to each other costs, given (8,) of those
+    to the next.
+    """
+    at = np.cumsum(np.concatenate(([0.0], turns, turns)))
+    apart = np.abs(at[:-1, None] - at[:-1])
+    found: Float32s = np.minimum(apart, at[-1] - apart).astype(np.float32)
+    return found
 
 
 def _ways(vehicle: Vehicle, sides_m: Sides) -> Iterator[tuple[int, int, Move, float, int]]:
     """Direction, kind, primitive, its cells, and gear (0 on the spot)."""
-    gears = (1,) if vehicle.reverse_cost is None else (1, -1)
+    radius = vehicle.turning_radius_m
+    gears = (1,) if radius is None or vehicle.reverse_cost is None else (1, -1)
     for k in range(DIRECTION_COUNT):
         before = (k - 1) % DIRECTION_COUNT
         after = (k + 1) % DIRECTION_COUNT
-        for gear in gears if vehicle.turning_radius_m is not None else (1,):
-            way = k if gear > 0 else (k + AXIS_COUNT) % DIRECTION_COUNT
-            kind = LEG if gear > 0 else _BACKWARD_LEG
-            yield k, kind, _leg(way, k), math.hypot(LEG_ROWS[k], LEG_COLS[k]), gear
         if vehicle.can_turn_on_spot:
             left_turn = Move(0, 0, after, TURNS + k % AXIS_COUNT, False)
             right_turn = Move(0, 0, before, TURNS + before % AXIS_COUNT, False)
             yield k, LEFT_TURN, left_turn, 0.0, 0
             yield k, LEFT_TURN + 1, right_turn, 0.0, 0
-        if (radius := vehicle.turning_radius_m) is None:
-            continue
         for gear in gears:
-            # from its beginning to the left, and from its end, the other way round, to the right
             ahead = k if gear > 0 else (k + AXIS_COUNT) % DIRECTION_COUNT
-            left = ahead
+            kind = LEG if gear > 0 else _BACKWARD_LEG
+            yield k, kind, _leg(ahead, k), math.hypot(LEG_ROWS[k], LEG_COLS[k]), gear
+            if radius is None:
+                continue
+            # from its beginning to the left, and from its end, the other way round, to the right
             right = (ahead - 1 + AXIS_COUNT) % DIRECTION_COUNT
-            arcs = ((left, 1, False, _LEFT_ARC), (right, -1, True, _RIGHT_ARC))
+            arcs = ((ahead, after, False, _LEFT_ARC), (right, before, True, _RIGHT_ARC))
             for arc, to, there, kind in arcs:
                 bend = curve(arc, sides_m, radius)
                 sign = -1 if there else 1
-                after = (k + to) % DIRECTION_COUNT
-                move = Move(sign * bend.down, sign * bend.right, after, ARCS + arc, there)
+                move = Move(sign * bend.down, sign * bend.right, to, ARCS + arc, there)
                 kind = kind if gear > 0 else kind + _BACKWARDS_ON
                 yield k, kind, move, bend.length_m / min(sides_m), gear
 

@@ -15,7 +15,8 @@ from nnpp_edge.runtime.options import STATES
 from nnpp_edge.runtime.robots.body import motions
 from nnpp_edge.runtime.robots.body.arcs import direction_near, directions_within
 from nnpp_edge.runtime.robots.body.attitude import PoseCheck, explain
-from nnpp_edge.runtime.robots.body.poses import NO_EDGES, Poses, between
+from nnpp_edge.runtime.robots.body.poses import NO_EDGES, Poses
+from nnpp_edge.runtime.robots.body.primitives import between, turns_m
 from nnpp_edge.runtime.robots.body.refusal import why_blocked, why_ended
 from nnpp_edge.runtime.robots.body.search import (
     LastMetres,
@@ -135,7 +136,7 @@ class BodyMoves(CellMoves):
     def __init__(self, poses: Poses) -> None:
         self.poses = poses
         self.states_a_node = len(poses.prices.moves)
-        self.shortest = KNIGHT * poses.primitives.shortest
+        self.shortest = KNIGHT * poses.shortest
         self.readiness = float(poses.prices.turns.max())
         self._last_metres: tuple[Query, LastMetres | None] | None = None
         """Those of the newest query."""
@@ -157,7 +158,7 @@ class BodyMoves(CellMoves):
         """The prices of its motions, where turns cost by what a metre of level ground does."""
         fares = self.poses.prices.fares.copy()
         fares[..., FIXED] *= self.poses.sides_m[0] * metre
-        by_angle = between(self.poses.turns_m * metre)
+        by_angle = between(turns_m(self.poses.vehicle, self.poses.sides_m) * metre)
         return self.poses.prices._replace(fares=fares, turns=by_angle)
 
     def search(

@@ -13,7 +13,16 @@ import numpy as np
 
 from nnpp_edge.runtime.arrays import Cells, Float2D, Float32s, Floats, UInt16
 from nnpp_edge.runtime.bands import in_bands, stripes
-from nnpp_edge.runtime.cells import Cell, Rectangle, Sides, enclosing, holding, slices, widened
+from nnpp_edge.runtime.cells import (
+    Cell,
+    Rectangle,
+    Sides,
+    above,
+    enclosing,
+    holding,
+    slices,
+    widened,
+)
 from nnpp_edge.runtime.kernels.directed import join_steps, pool_steps, price_steps
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.kernels.records import FinerSteps, SlopePrices, Ways
@@ -81,16 +90,13 @@ class CoarseSlopePrice(Price):
         finest level.
         """
         self.finer = FinerSteps(self.means, np.arange(8))
-        nodes = (rows + 2) * (cols + 2)
-        self.forwards: Edges = np.full((nodes, 8), np.inf, np.float32)
-        """(nodes, 8) of the step that leaves a node in each direction."""
-        self.backwards: Edges = np.full((nodes, 8), np.inf, np.float32)
-        """(nodes, 8) of the step by which a node is come to from its neighbour in each
-        direction.
+        self.both_ways: Edges = np.full((2, *self.means.shape), np.inf, np.float32)
+        """Likewise, of the step that leaves a cell in each direction, and of that by which it is
+        come to from its neighbour there.
         """
 
     def edges(self, backwards: bool = False) -> Edges:
-        return self.backwards if backwards else self.forwards
+        return self.both_ways[int(backwards)].reshape(-1, 8)
 
     def bounds(self, grid: "Grid", shortest: float) -> tuple[float, float, float]:
         return *self._prices, math.inf
@@ -107,17 +113,15 @@ class CoarseSlopePrice(Price):
         `finer` is of the map or the finer level; `pieces` and `obstacle` as for
         `kernels.directed.pool_steps`.
         """
-        edges, backwards = (
-            each.reshape(self.means.shape) for each in (self.forwards, self.backwards)
-        )
-        (row, col, rows, cols), (top, left, tall, wide) = area, widened(area, (1, 1), self.shape)
+        row, col, rows, cols = area
+        top, left, tall, wide = widened(area, (1, 1), self.shape)
 
         def pool(row0: int, row1: int) -> None:
             area = (row0, row1, col, col + cols)  # `records.Area`
             pool_steps(tuple(finer), pieces, obstacle, area, self.means)
 
         in_bands(pool, row, row + rows, cols, threads_from=_THREADS_FROM)
-        join_steps(self.means, (top, top + tall, left, left + wide), edges, backwards)
+        join_steps(self.means, (top, top + tall, left, left + wide), *self.both_ways)
 
 
 class DirectedPrice(Price):
@@ -246,19 +250,13 @@ class DirectedPrice(Price):
 
     def pool(self, levels: Sequence["Level"], changed: Rectangle) -> Iterator[None]:
         finer = self.finer
-        row0, col0, rows, cols = changed
-        row1 = row0 + rows
-        col1 = col0 + cols
+        part = changed
         for level in levels:
-            shape = level.grid.shape
-            row0 = max(row0 // FACTOR - 1, 0)
-            row1 = min(-(-row1 // FACTOR) + 1, shape[0])
-            col0 = max(col0 // FACTOR - 1, 0)
-            col1 = min(-(-col1 // FACTOR) + 1, shape[1])
+            row, col, rows, cols = part = widened(above(part, FACTOR), (1, 1), level.grid.shape)
             coarse = level.grid.robot.price
             assert isinstance(coarse, CoarseSlopePrice)
-            for first, last in stripes(row1 - row0, 8 * FACTOR**2 * (col1 - col0)):
-                area = (row0 + first, col0, last - first, col1 - col0)
+            for first, last in stripes(rows, 8 * FACTOR**2 * cols):
+                area = (row + first, col, last - first, cols)
                 coarse.average(finer, level.pieces, area, self.obstacle)
                 yield
             finer = coarse.finer
