@@ -92,8 +92,9 @@ class Heights(Lowest):
     def cost(self) -> Float2D:
         dy, dx = self._sides
         known = self.known((0, 0, *self.array.shape)).copy()
-        like = {"cell_width_m": dx, "layers": self.given}
-        cost = traversability_cost(known, dy, self.limits, warn=False, **like)
+        cost = traversability_cost(
+            known, dy, self.limits, cell_width_m=dx, warn=False, layers=self.given
+        )
         if self.unseen is None:
             return cost
         return np.where(self.unknown(slice(None), slice(None)), self.unseen.at(), cost)
@@ -109,17 +110,13 @@ class Heights(Lowest):
             return here
         return np.where(self.unknown(*slices(part)), np.float32(np.nan), here)
 
-    def added(self, part: Rectangle) -> Float2D | None:
-        """(h, w) what the layers given add to the costs of a part; None without any."""
-        return self.limits.added(self.given, slices(part)) if self.given else None
+    def added(self, part: Rectangle) -> Float2D:
+        """(h, w) what the layers given add to the costs of a part; (0, 0) without any."""
+        return self.limits.added(self.given, part)
 
-    def under(self, part: Rectangle) -> tuple[Float2D, Bool | None, Float2D | None]:
-        """What a body stands on in a part: heights, cells that were told to be shut, and `added`.
-
-        None where there is nothing of the kind.
-        """
-        shut = self.told[slices(part)] >= 1.0 if self.tells else None
-        return self.known(part), shut, self.added(part)
+    def shut(self, part: Rectangle) -> Bool | None:
+        """(h, w) cells of a part that were told to be shut; None where nothing was told."""
+        return self.told[slices(part)] >= 1.0 if self.tells else None
 
     def metres_at(self, places: Line) -> Floats:
         """(N,) metres at places (N, 2)."""

@@ -118,7 +118,7 @@ class Tiles:
         coarsest: int,
         told: Float2D,
         tells: Bool,
-        added: Float2D | None = None,
+        added: Float2D,
         unseen: Float32s | None = None,
     ) -> None:
         self.heights = heights
@@ -139,7 +139,7 @@ class Tiles:
             costed=np.zeros(1, np.int64),
             told=told.reshape(-1),
             tells=tells,
-            added=_NONE if added is None else added.reshape(-1),
+            added=added.reshape(-1),
         )
         """What the kernels compute by."""
         if unseen is not None:

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D, as_map, unmasked
 from nnpp_edge.runtime.bands import in_bands
-from nnpp_edge.runtime.cells import Cell, Sides
+from nnpp_edge.runtime.cells import Cell, Rectangle, Sides, slices
 from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.kernels.traversability import (
     MOST_COST,
@@ -28,6 +28,8 @@ from nnpp_edge.runtime.kernels.traversability import (
 from nnpp_edge.runtime.options import LAYER_TERMS, TERMS, Term
 from nnpp_edge.runtime.tuning import MOST_SAMPLED
 
+Layers = Mapping[str, Float2D]
+"""Numbers (H, W) of cells beside heights, by name."""
 _SINGLE_STEP = Term("steepest single step", "°", "", "", "hard_gradient_deg")
 """What else a cell is limited by."""
 
@@ -111,18 +113,19 @@ class Traversability:
             for name, value in values.items()
         ]
 
-    def added(self, layers: Mapping[str, Float2D], part: tuple[slice, slice]) -> Float2D:
-        """(h, w) what the terms of layers add to the costs of a part of the map; inf beyond a hard
-        limit. A number that is not known counts as its limit.
+    def added(self, layers: Layers, part: Rectangle) -> Float2D:
+        """(h, w) what layers add to the costs of a part of the map, inf beyond a hard limit; (0, 0)
+        without any. A number that is not known counts as its limit.
         """
-        total = np.float32(0.0)
+        found = []
         for term in LAYER_TERMS:
             if term.words in layers:
-                numbers = layers[term.words][part]
+                numbers = layers[term.words][slices(part)]
                 share = np.fmin(np.maximum(numbers, 0.0) / getattr(self, term.limit), 1.0)
                 beyond = numbers > getattr(self, term.hard)
-                total = total + np.where(beyond, np.inf, getattr(self, term.weight) * share)
-        return np.asarray(total, np.float32)
+                found.append(np.where(beyond, np.inf, getattr(self, term.weight) * share))
+        none = np.empty((0, 0), np.float32)
+        return np.sum(found, axis=0, dtype=np.float32) if found else none
 
     @property
     def body_weights(self) -> tuple[float, float, float]:
@@ -154,7 +157,7 @@ def traversability_cost(
     *,
     cell_width_m: float | None = None,
     warn: bool = True,
-    layers: Mapping[str, Float2D] | None = None,
+    layers: Layers | None = None,
 ) -> Float2D:
     """Cost of crossing each cell, from slope, roughness and elevation difference.
 
@@ -205,11 +208,11 @@ def traversability_cost(
     )
     if warn:
         warn_of_saturation(heights, limits, sides)
-    cost = cost.reshape(heights.shape)
+    of_heights = cost.reshape(heights.shape)
     if not layers:
-        return cost
-    cost += limits.added(layers, (slice(None), slice(None)))
-    return np.minimum(cost, MOST_COST, out=cost, where=cost < np.inf)
+        return of_heights
+    of_heights += limits.added(layers, (0, 0, rows, cols))
+    return np.minimum(of_heights, MOST_COST, out=of_heights, where=of_heights < np.inf)
 
 
 def terrain_terms(

@@ -60,6 +60,7 @@ from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
 NO_EDGES = np.empty((0, 2 * AXIS_COUNT), np.float32)
 """Of legs that cost by what they are checked to be."""
+NOTHING_ADDED = np.empty((0, 0), np.float32)
 _SAFE = 1.0 - 1e-5
 """Share of a limit that is used: what rounding to float32 may add."""
 
@@ -98,7 +99,7 @@ class Poses:
         scale: float,
         shut: Bool | None = None,
         unseen: Float32s | None = None,
-        added: Float2D | None = None,
+        added: Float2D = NOTHING_ADDED,
     ) -> None:
         self.weights = weights
         self.vehicle = vehicle
@@ -127,8 +128,7 @@ class Poses:
         beyond = self._unknown if unseen is None else np.inf
         self.heights = np.full((rows + 2 * self._margin, width), beyond, np.float32)
         """Within a margin of `margin` unknown cells, and more to the right; relative to `_base`."""
-        size = self.heights.shape if added is not None else (0, 0)
-        self._added = np.zeros(size, np.float32)
+        self._added = np.zeros(self.heights.shape if added.size else (0, 0), np.float32)
         """Likewise; (0, 0) without layers."""
         nodes = (rows + 2) * (cols + 2)
         count = len(tables.poses_of) - 1 - AXIS_COUNT
@@ -183,9 +183,7 @@ class Poses:
         """Poses checked so far; one that was forgotten and checked again counts twice."""
         return int(self._counts[0])
 
-    def _put(
-        self, row: int, col: int, heights: Float2D, shut: Bool | None, added: Float2D | None
-    ) -> None:
+    def _put(self, row: int, col: int, heights: Float2D, shut: Bool | None, added: Float2D) -> None:
         if np.isnan(self._base):
             known = (height for line in heights for height in line[np.isfinite(line)][:1])
             self._base = np.float32(next(known, np.nan))
@@ -194,7 +192,7 @@ class Poses:
         here = slices((*place, *heights.shape))
         if shut is not None:
             self.heights[here][shut] = np.inf
-        if added is not None:
+        if added.size:
             self._added[here] = added
 
     def write(
@@ -203,7 +201,7 @@ class Poses:
         col: int,
         heights: Float2D,
         shut: Bool | None = None,
-        added: Float2D | None = None,
+        added: Float2D = NOTHING_ADDED,
     ) -> Rectangle:
         """Put heights into the map, (h, w) float32 that lie inside it, and forget the motions that
         they touch.

@@ -81,8 +81,10 @@ class BodyStance(Stance):
     ) -> "Change":
         if not part[2]:
             return change
-        assert state.heights is not None
-        touched = self.poses.write(*part[:2], *state.heights.under(part))
+        ground = state.heights
+        assert ground is not None
+        beside = ground.shut(part), ground.added(part)
+        touched = self.poses.write(*part[:2], ground.known(part), *beside)
         return change._replace(part=touched, cells=touched[2] * touched[3], cheaper=True)
 
     def complete(self) -> None:
@@ -285,9 +287,9 @@ def body_on(state: "MapState") -> Robot:
     vehicle = state.vehicle
     heights = state.heights
     assert vehicle is not None and heights is not None and state.sides_m is not None
-    known, shut, added = heights.under((0, 0, *state.shape))
+    whole = (0, 0, *state.shape)
     blocks = None if heights.unseen is None else heights.unseen.layers
     place = (state.sides_m, vehicle, heights.limits.body_weights, state.grid.model.scale)
-    poses = Poses(known, *place, shut, blocks, added)
+    poses = Poses(heights.known(whole), *place, heights.shut(whole), blocks, heights.added(whole))
     moves = BodyMoves if vehicle.turning_radius_m is None else ArcMoves
     return Robot(BodyStance(poses), BodyPrice(poses), moves(poses))

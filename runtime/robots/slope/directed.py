@@ -73,7 +73,8 @@ def _ground_of(model: SlopeCost, heights: Float2D, sides_m: Sides, part: Rectang
     row, col, rows, cols = part
     top, left, *_ = around = widened(part, (1, 1), heights.shape)
     ground = model.ground(heights[slices(around)], sides_m)
-    return ground[slices((row - top, col - left, rows, cols))]
+    here: Float2D = ground[slices((row - top, col - left, rows, cols))]
+    return here
 
 
 class CoarseSlopePrice(Price):
