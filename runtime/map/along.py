@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from nnpp_edge.runtime.arrays import Float32s, Floats, Int32
+from nnpp_edge.runtime.cells import Sides
 from nnpp_edge.runtime.robots.slope.cost import Mobility, SlopeCost
 
 Line = Int32 | Floats
@@ -56,7 +57,7 @@ class Along:
 
     places: Line
     sampled_m: Heights
-    sides_m: tuple[float, float]
+    sides_m: Sides
     mobility: Mobility = ON_FOOT
     walker: SlopeCost | None = None
 
@@ -65,7 +66,7 @@ class Along:
         cls,
         line: Line,
         heights: Heights,
-        sides_m: tuple[float, float],
+        sides_m: Sides,
         mobility: Mobility = ON_FOOT,
         like: "Along | None" = None,
     ) -> "Along":

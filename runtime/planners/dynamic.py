@@ -121,16 +121,12 @@ class DynamicPlanner(OnMap):
         factor: int,
         goal: Cell,
         traversability: "Traversability | None" = None,
-        *,
-        prior: str = "network",
         **options: Unpack[PlannerOptions],
     ) -> "DynamicPlanner":
         """A planner of ground that is known coarsely, as `Planner.of_coarse`."""
         own, rest = split(options)
         model = file_of(rest.pop("model", "unseen"))
-        ground = Ground.of_coarse(
-            dem, cell_size_m, factor, traversability, prior=prior, model=model, **own
-        )
+        ground = Ground.of_coarse(dem, cell_size_m, factor, traversability, model=model, **own)
         return cls(ground, goal, **rest)
 
     _repeated = True

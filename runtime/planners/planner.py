@@ -101,8 +101,6 @@ class Planner(OnMap):
         cell_size_m: float,
         factor: int,
         traversability: "Traversability | None" = None,
-        *,
-        prior: str = "network",
         **options: Unpack[PlannerOptions],
     ) -> "Planner":
         """A planner of ground that is known coarsely, and finely where `update_elevation` has
@@ -118,16 +116,13 @@ class Planner(OnMap):
             Mean elevation in metres of blocks of `factor` × `factor` cells, NaN where unknown.
         cell_size_m : float
             Side of a block.
-        prior : str
-            See `Ground.prior`; its network is the option `model`.
         **options
-            As for `of_elevation`, as errors are.
+            As for `of_elevation`, as errors are, and `prior`, see `Ground`; its network is the
+            option `model`.
         """
         own, rest = split(options)
         model = file_of(rest.pop("model", "unseen"))
-        ground = Ground.of_coarse(
-            dem, cell_size_m, factor, traversability, prior=prior, model=model, **own
-        )
+        ground = Ground.of_coarse(dem, cell_size_m, factor, traversability, model=model, **own)
         return cls(ground, **rest)
 
     @checked(InvalidQueryError)

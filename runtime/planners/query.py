@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from nnpp_edge.runtime.arguments import checked
-from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.cells import Cell, cell_of
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.state import MapState
@@ -53,7 +53,7 @@ class Found(NamedTuple):
         bound = 0.0
         if search.status is Status.OK:
             # g is kept in float32: a refused cell's f may be too high by its rounding
-            worth = float(grid.robot.price.worth(path[0, :2], path[-1, :2]))
+            worth = float(grid.robot.price.worth(cell_of(path[0]), cell_of(path[-1])))
             bound = min(costs[0], search.refused_f * (1.0 - 1e-6) + worth)
         return cls(search, source, *costs, bound, region)
 

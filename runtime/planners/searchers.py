@@ -65,7 +65,7 @@ class AStarSearcher:
         `Planner.prepare`.
         """
         count = landmarks + len(goals)
-        if count and not self.grid.robot.has_landmarks:
+        if count and not self.grid.robot.by_weights:
             raise InvalidQueryError(
                 "landmarks need steps that cost alike both ways, without turns: wanted "
                 "step_cost='paper' and no body"

@@ -106,7 +106,7 @@ class StandingPath:
 
     def __init__(self, state: MapState) -> None:
         self._grid = state.grid
-        self._by_parts = not state.grid.robot.keeps_old_weights
+        self._by_parts = not state.grid.robot.by_weights
         nodes = 0 if self._by_parts else len(state.grid.weights)
         self._changes = state.log.reader(keeps_old_weights=not self._by_parts)
         self._parts: list[Rectangle] = []

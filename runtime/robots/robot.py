@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from nnpp_edge.runtime.arrays import Bool, Cells, Float32s, Floats
+from nnpp_edge.runtime.arrays import Bool, Cells, Float2D, Float32s, Floats
 from nnpp_edge.runtime.cells import Cell, Rectangle, widened
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.nodes import COL_STEP, ROW_STEP
 from nnpp_edge.runtime.kernels.paths import measure, walk
-from nnpp_edge.runtime.kernels.records import Hints
+from nnpp_edge.runtime.kernels.records import Hints, Packed
 from nnpp_edge.runtime.options import CELLS
 from nnpp_edge.runtime.search.astar import (
     Links,
@@ -54,14 +54,20 @@ class Stance:
     """Where a robot may stand and go: here, as a point, on a cell that is not shut."""
 
     reach: Cell = (0, 0)
-    """Rows and columns from a cell to those that are below it on its way from there."""
+    """Rows and columns from a cell to those that decide whether it may stand there."""
 
     checks = 0
     """Number of poses that have been checked so far."""
 
-    def weights(self, grid: "Grid") -> Float32s:
-        """(nodes,) inf where no step may lead; empty where the moves' states decide."""
-        return grid.weights
+    def shut(self, point: "Grid", part: Rectangle) -> Bool | None:
+        """(h, w) cells of a part of a point's map that are shut to it; None where it may go
+        wherever a point may, or its moves' states decide.
+        """
+        return None
+
+    def room(self, point: "Grid") -> Packed | None:
+        """Obstacles of a point's map that its lines must keep away from, see `records.Room`."""
+        return None
 
     def stands_at(self, grid: "Grid", *cells: Cell) -> list[bool]:
         """Whether each of these cells of the map can be stood on."""
@@ -87,14 +93,18 @@ class Stance:
 class Price:
     """What steps and paths cost: here by the weights of a step's ends, see `terrain.step_cost`."""
 
-    symmetric = True
-    """Whether a step costs the same both ways: landmarks and any angle serve then."""
     metre = 0.0
     """What a metre of level ground costs beside a cell's price; 0 where cells' weights say."""
 
     def edges(self, backwards: bool = False) -> Edges | None:
         """(nodes, ways) costs of steps, or of those that come to a cell; None where they cost by
-        the weights of their ends.
+        the weights of their ends: the same both ways, so that landmarks and any angle serve.
+        """
+        return None
+
+    def weights(self, part: Rectangle) -> Float2D | None:
+        """(h, w) weights of a part's cells, by which steps cost as with ``length``; None where they
+        cost by the map's own weights, or by edges.
         """
         return None
 
@@ -301,7 +311,7 @@ class Robot(NamedTuple):
     @property
     def symmetric(self) -> bool:
         """Whether a path costs the same both ways, and is driven so."""
-        return self.price.symmetric and self.moves.drives_both_ways
+        return self.price.edges() is None and self.moves.drives_both_ways
 
     def follow(
         self, change: "Change", part: Rectangle, state: "MapState", *, heights: bool
@@ -327,14 +337,11 @@ class Robot(NamedTuple):
         return poses.sides_m[0] * self.price.metre
 
     @property
-    def keeps_old_weights(self) -> bool:
-        """Whether a change of the map is known by the weights of its cells before and after."""
+    def by_weights(self) -> bool:
+        """Whether its searches go over cells, by their weights: landmarks serve them, and old
+        weights tell what a change of the map is worth.
+        """
         return self.price.edges() is None and self.moves.over == CELLS
-
-    @property
-    def has_landmarks(self) -> bool:
-        """Whether landmarks serve its searches."""
-        return self.price.symmetric and self.moves.over == CELLS
 
     @property
     def line_refusal(self) -> str:

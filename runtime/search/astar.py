@@ -336,7 +336,7 @@ def costs_to_nearest(
 
 def bucket_width(grid: "Grid", hints: Hints | None = None) -> float:
     """Of a bucket of the open list at first, in units of f."""
-    by_grid = DIRECTED_BUCKET_WIDTH if not grid.robot.price.symmetric else BUCKET_WIDTH
+    by_grid = DIRECTED_BUCKET_WIDTH if grid.robot.price.edges() is not None else BUCKET_WIDTH
     return grid.prices[0] * (by_grid if hints is None else BUCKET_WIDTH_BY_LANDMARKS)
 
 

@@ -143,13 +143,13 @@ def test_an_unswept_arc_breaks_a_limit_that_the_swept_one_is_refused_for(monkeyp
 
 def test_primitives_of_a_wide_turn_are_long_and_no_curve_is_shorter_than_their_bound():
     for radius, sides in itertools.product((0.3, 1.0, 4.0), ((0.25, 0.25), (0.25, 0.2))):
-        found = primitives(replace(CAR, turning_radius_m=radius), sides)
+        found, shortest = primitives(replace(CAR, turning_radius_m=radius), sides)
         for k in range(16):
             place, metres = bend(k, sides, radius)
             at = 16 + 2 * k
             assert tuple(found.rays[at, :2]) == place and found.rays[at, 3] == 2 * AXIS_COUNT + k
             assert found.ray_fares[at] == pytest.approx(metres / min(sides), rel=1e-6)
-        assert 0.97 < found.shortest <= 1.0
+        assert 0.97 < shortest <= 1.0
 
 
 def test_a_corridor_to_a_goal_with_a_heading_is_hardly_more_work_than_the_whole_map():

@@ -77,7 +77,7 @@ def test_a_coarse_steps_cost_is_the_mean_of_the_steps_below(vehicle):
     uphill, downhill = coarse.robot.price.edges()[coarse.node(1, 2), [3, 2]].tolist()
     assert uphill == pytest.approx(0.72 + (6.0 - 1.9998) * 0.1, rel=1e-3)
     assert downhill == pytest.approx(0.72, rel=1e-3)
-    assert coarse.robot.price.backwards[coarse.node(1, 2), 2] == pytest.approx(
+    assert coarse.robot.price.edges(True)[coarse.node(1, 2), 2] == pytest.approx(
         uphill
     )  # from the left
 

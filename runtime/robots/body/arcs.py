@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from nnpp_edge.runtime.arrays import Bool, Floats, Int32, Int64
+from nnpp_edge.runtime.cells import Sides
 from nnpp_edge.runtime.kernels.lattice import DIRECTION_COUNT, LEG_COLS, LEG_ROWS
 from nnpp_edge.runtime.kernels.poses import AXIS_COUNT
 from nnpp_edge.runtime.robots.body.primitives import curve, heading_rad, turn_rad
@@ -68,24 +69,24 @@ class Arc:
         return [self.at((k + 1) / count) for k in range(count)]
 
 
-def heading_deg(direction: int, sides_m: tuple[float, float]) -> float:
+def heading_deg(direction: int, sides_m: Sides) -> float:
     """Of one of the sixteen directions, degrees clockwise from grid north."""
     return (180.0 - math.degrees(heading_rad(direction % DIRECTION_COUNT, sides_m))) % 360.0
 
 
-def direction_near(heading: float, sides_m: tuple[float, float]) -> int:
+def direction_near(heading: float, sides_m: Sides) -> int:
     """The direction whose heading is nearest to one in degrees."""
     return int(np.argmax(directions_within(heading, 0.0, sides_m)))
 
 
-def directions_within(heading: float, tolerance_deg: float, sides_m: tuple[float, float]) -> Bool:
+def directions_within(heading: float, tolerance_deg: float, sides_m: Sides) -> Bool:
     """(16,) those whose heading lies so near to one in degrees; the nearest always."""
     headings = np.array([heading_deg(k, sides_m) for k in range(DIRECTION_COUNT)])
     apart = np.abs((headings - heading + 180.0) % 360.0 - 180.0)
     return apart <= max(tolerance_deg, float(apart.min()))
 
 
-def arcs_along(states: Int32, vehicle: Vehicle, sides_m: tuple[float, float]) -> tuple[Arc, ...]:
+def arcs_along(states: Int32, vehicle: Vehicle, sides_m: Sides) -> tuple[Arc, ...]:
     """The pieces that a body drives along states (N, 3) of a path, those of the same kind
     joined.
     """
@@ -108,7 +109,7 @@ def arcs_along(states: Int32, vehicle: Vehicle, sides_m: tuple[float, float]) ->
 
 
 def _pieces(
-    before: Sequence[int], after: Sequence[int], vehicle: Vehicle, sides_m: tuple[float, float]
+    before: Sequence[int], after: Sequence[int], vehicle: Vehicle, sides_m: Sides
 ) -> Iterator[tuple[int, float, float, float]]:
     """(gear, curvature, metres, degrees) of a primitive between two states."""
     down, right, side = np.subtract(after, before).tolist()
@@ -149,7 +150,7 @@ class Drive(NamedTuple):
     """(N,) numbers of the states that these pieces come from."""
 
 
-def drive_along(states: Int32, vehicle: Vehicle, sides_m: tuple[float, float]) -> Drive:
+def drive_along(states: Int32, vehicle: Vehicle, sides_m: Sides) -> Drive:
     """The drive of a body along states (N, 3) of a path, pose by pose."""
     places = states[:, 1::-1] * sides_m[::-1]
     found = [
@@ -167,7 +168,7 @@ def drive_along(states: Int32, vehicle: Vehicle, sides_m: tuple[float, float]) -
 
 @lru_cache(maxsize=4096)
 def _motion(
-    down: int, right: int, before: int, after: int, vehicle: Vehicle, sides_m: tuple[float, float]
+    down: int, right: int, before: int, after: int, vehicle: Vehicle, sides_m: Sides
 ) -> Floats:
     """(N, 5) pose, gear and curvature along a motion between two states, from cell (0, 0) on."""
     states = np.array(((0, 0, before), (down, right, after)), np.int32)

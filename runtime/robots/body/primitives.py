@@ -15,7 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from nnpp_edge.runtime.arrays import Float32s, Int32
+from nnpp_edge.runtime.arrays import Float32s, Floats
+from nnpp_edge.runtime.cells import Sides
 from nnpp_edge.runtime.kernels.lattice import (
     DIRECTION_COUNT,
     LEFT_TURN,
@@ -25,7 +26,7 @@ from nnpp_edge.runtime.kernels.lattice import (
     left_over,
 )
 from nnpp_edge.runtime.kernels.poses import AXIS_COUNT
-from nnpp_edge.runtime.kernels.records import FARE_COLUMNS, MOVE_COLUMNS, Legs
+from nnpp_edge.runtime.kernels.records import FARE_COLUMNS, MOVE_COLUMNS, Legs, Prices
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
 TURNS = AXIS_COUNT
@@ -87,19 +88,19 @@ class Curve(NamedTuple):
         return ahead, self.radius_m * (1.0 - math.cos(turned)) + rest * math.sin(turned), turned
 
 
-def heading_rad(direction: int, sides_m: tuple[float, float]) -> float:
+def heading_rad(direction: int, sides_m: Sides) -> float:
     """Angle of a direction from down the rows, rising towards growing columns, on the ground."""
     row = LEG_ROWS[direction % DIRECTION_COUNT]
     col = LEG_COLS[direction % DIRECTION_COUNT]
     return math.atan2(col * sides_m[1], row * sides_m[0])
 
 
-def turn_rad(direction: int, sides_m: tuple[float, float]) -> float:
+def turn_rad(direction: int, sides_m: Sides) -> float:
     """Angle from a direction to the next."""
     return (heading_rad(direction + 1, sides_m) - heading_rad(direction, sides_m)) % (2.0 * math.pi)
 
 
-def curve(direction: int, sides_m: tuple[float, float], radius_m: float) -> Curve:
+def curve(direction: int, sides_m: Sides, radius_m: float) -> Curve:
     """The shortest from a direction to the next whose arc has at least this radius."""
     after = (direction + 1) % DIRECTION_COUNT
     angle = turn_rad(direction, sides_m)
@@ -118,27 +119,16 @@ def curve(direction: int, sides_m: tuple[float, float], radius_m: float) -> Curv
     return Curve(down, right, before_m, shorter / touching, angle, after_m)
 
 
-def sharpest_m(radius_m: float, sides_m: tuple[float, float]) -> float:
+def sharpest_m(radius_m: float, sides_m: Sides) -> float:
     """Radius of the sharpest arc of them all, where none may be below `radius_m`."""
     return min(curve(k, sides_m, radius_m).radius_m for k in range(DIRECTION_COUNT))
 
 
-class Primitives(NamedTuple):
-    """Of a vehicle on cells of certain sides."""
-
-    moves: Int32
-    fares: Float32s
-    origins: Int32
-    rays: Int32
-    ray_fares: Float32s
-    """As of `kernels.records.Prices`. Rays are legs, and then arcs forwards, if there are any."""
-    shortest: float
-    """No curve is shorter than so many times the way by legs."""
-
-
 @functools.lru_cache(maxsize=16)
-def primitives(vehicle: Vehicle, sides_m: tuple[float, float]) -> Primitives:
-    """Of a vehicle on cells of these sides, heights and widths."""
+def primitives(vehicle: Vehicle, sides_m: Sides) -> tuple[Prices, float]:
+    """Of a vehicle on cells of these sides, heights and widths; no curve is shorter than so many
+    times the way by legs. Rays are legs, and then arcs forwards, if there are any.
+    """
     geared = vehicle.gear_change_m > 0.0 and vehicle.reverse_cost is not None
     gears = (FORWARDS, BACKWARDS) if geared else (FORWARDS,)
     found = dict[tuple[tuple[int, int], int], tuple[Move, tuple[float, float]]]()
@@ -177,12 +167,27 @@ def primitives(vehicle: Vehicle, sides_m: tuple[float, float]) -> Primitives:
             by_legs = left_over.py_func(abs(bend.down), abs(bend.right), _LEG_LENGTHS)
             shortest = min(shortest, cells / by_legs)
     ray_fares = np.array(lengths, np.float32)
-    return Primitives(moves, fares, origins, np.array(rays, np.int32), ray_fares, shortest)
+    turns = between(turns_m(vehicle, sides_m) / sides_m[0])
+    ways = np.array(rays, np.int32), ray_fares
+    return Prices(np.float32(0.0), moves, fares, origins, *ways, turns), shortest
 
 
-def _ways(
-    vehicle: Vehicle, sides_m: tuple[float, float]
-) -> Iterator[tuple[int, int, Move, float, int | None]]:
+def turns_m(vehicle: Vehicle, sides_m: Sides) -> Floats:
+    """(8,) metres of level ground as dear as the turn from each direction to the next."""
+    return vehicle.turn_m_per_rad * np.array([turn_rad(k, sides_m) for k in range(AXIS_COUNT)])
+
+
+def between(turns: Floats) -> Float32s:
+    """(16, 16) what the shorter turn from each direction to each other costs, given (8,) of those
+    to the next.
+    """
+    at = np.cumsum(np.concatenate(([0.0], turns, turns)))
+    apart = np.abs(at[:-1, None] - at[:-1])
+    found: Float32s = np.minimum(apart, at[-1] - apart).astype(np.float32)
+    return found
+
+
+def _ways(vehicle: Vehicle, sides_m: Sides) -> Iterator[tuple[int, int, Move, float, int | None]]:
     """Direction, kind, primitive, its cells, and gear: 0 forwards, -1 backwards, None on the
     spot.
     """
