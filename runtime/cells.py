@@ -30,6 +30,12 @@ def as_cell(cell: Cell, name: str) -> Cell:
     raise InvalidQueryError(f"{name} must be two whole numbers (row, col), got {shown(cell)}")
 
 
+def cell_of(state: NDArray[np.signedinteger]) -> Cell:
+    """The cell of a state of a path."""
+    row, col = state[:2].tolist()
+    return row, col
+
+
 def coarser(cell: Cell, factor: int) -> Cell:
     """The cell of `factor` × `factor` cells that holds a cell."""
     return cell[0] // factor, cell[1] // factor
