@@ -199,9 +199,8 @@ class Navigator:
 
     def _answer(self, tick: Tick) -> PathMessage:
         """The ladder's answer to the newest inputs, or what is wrong with them."""
-        with self._inbox:
-            pose = self._pose
-            goal = self._goal
+        pose = self._pose
+        goal = self._goal
         tick.map_version = self._update_map()
         if pose is None or goal is None:
             missing = Status.NO_POSE if pose is None else Status.NO_GOAL

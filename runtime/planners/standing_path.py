@@ -124,7 +124,10 @@ class StandingPath:
         self._way = np.empty((0, 2), np.int32)
         self.end: Cell | None = None
         """Where the path leads."""
-        self._walked = np.empty(0)
+        self._walked = self._least = np.empty(0)
+        """Costs from the start to each state; and of the path had the plan been optimal, and by its
+        bound.
+        """
         self._passed = 0
         """Number of the state that a body has passed last."""
         self._searched = self._excess = 0.0
@@ -152,6 +155,7 @@ class StandingPath:
         self.end = cell_of(way[-1])
         self._way = way
         self._walked = walked
+        self._least = np.array((walked[-1], (1.0 - _ROUNDING) * plan.lower_bound))
         self._searched = plan.cost
         self._excess = 0.0
         self._changed = self._passed = 0
@@ -202,8 +206,8 @@ class StandingPath:
         costs = np.empty(len(way))
         blocked = self._grid.walk(way, index, costs)
         if blocked >= 0:
-            bounds = {"lower_bound": lower, "floor": floor}
-            return Standing(Footing.BLOCKED, index, cell_of(way[blocked]), blocked, **bounds)
+            cell = cell_of(way[blocked])
+            return Standing(Footing.BLOCKED, index, cell, blocked, math.inf, lower, floor)
         cost = float(costs[-1])
         return Standing(Footing.VALID, index, None, -1, cost, min(lower, cost), min(floor, cost))
 
@@ -280,14 +284,11 @@ class StandingPath:
         made, and by its own bound.
         """
         grid = self._grid
-        plan = self.plan
         goal = self.end
-        assert plan is not None
         assert goal is not None
-        whole = self._walked[-1], (1.0 - _ROUNDING) * plan.lower_bound
-        bounds = np.array(whole) - self._walked[index]
+        bounds = self._least - self._walked[index]
         if self._by_parts:
-            if plan.states is not None and direction < 0:
+            if self._way.shape[1] > 2 and direction < 0:
                 bounds[:] = -math.inf  # another path may begin in any direction
             bounds -= grid.robot.readiness
             by_changed = self._by_way_of_changed(np.array((at, goal)))
