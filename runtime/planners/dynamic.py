@@ -322,11 +322,11 @@ class DynamicPlanner(OnMap):
         memory = self._methods.astar.workspace
         touch(memory, memory.field or memory, self._path)
         self._methods.descent.touch()
-        if self.method is DynamicMethod.DSTAR:
-            self._methods.prepare_to_mend_map(self.goal)
-        if self.method.entry.keeps and self.method.entry.needs:
-            self._methods.mending.prepare(self.goal)
-        if "network" in self.method.entry.needs:
+        entry = self.method.entry
+        if entry.keeps:
+            mends = self._methods.mending if entry.needs else self._methods.mending_map
+            mends.prepare(self.goal)
+        if "network" in entry.needs:
             self._methods.load_network()
 
     def _load_kernels(self) -> None:
