@@ -27,7 +27,9 @@ def nearest_on(path: Int32, at: Cell, direction: int) -> tuple[int, int]:
     """Number of the state of a path, as `Plan.walked`, that is nearest to a robot which heads in a
     direction, -1 where that is not given; and cells to it, `ON_IT` where the robot is in it.
     """
-    away = np.abs(path[:, :2] - at).max(1)
+    rows = np.abs(path[:, 0] - at[0])
+    cols = np.abs(path[:, 1] - at[1])
+    away = np.maximum(rows, cols)
     here = away == 0
     if direction >= 0 and path.shape[1] > 2:  # such a path may cross itself
         here &= path[:, 2] % DIRECTION_COUNT == direction

@@ -24,9 +24,9 @@ from enum import StrEnum
 
 import numpy as np
 
-from nnpp_edge.runtime.arrays import Int64
 from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.kernels.paths import remember, savings
 from nnpp_edge.runtime.map.changes import Change
 from nnpp_edge.runtime.map.state import MapState
@@ -291,8 +291,8 @@ class StandingPath:
             if self._way.shape[1] > 2 and direction < 0:
                 bounds[:] = -math.inf  # another path may begin in any direction
             bounds -= grid.robot.readiness
-            by_changed = self._by_way_of_changed(np.array((at, goal)))
-            bounds = np.minimum(bounds, by_changed + float(grid.robot.price.worth(at, goal)))
+            for part in self._parts:
+                bounds = np.minimum(bounds, self._by_way_of(part, at, goal))
         else:
             saved, by_cheaper, by_opened = self._savings(at, goal)
             cheaper = np.maximum(bounds - saved, by_cheaper)
@@ -300,12 +300,12 @@ class StandingPath:
         floor, lower = np.maximum(bounds, grid.least_cost(at, goal)).tolist()
         return floor, lower
 
-    def _by_way_of_changed(self, ends: Int64) -> float:
-        """The octile distance between two cells (2, 2) by way of a rectangle that has changed."""
-        parts = np.array(self._parts).reshape(-1, 4)
-        first = parts[:, :2]
-        last = first + parts[:, 2:] - 1
-        away = np.abs(np.clip(ends[:, None], first, last) - ends[:, None])
-        straight, diagonal = self._grid.prices
-        costs = straight * away.max(2) + (diagonal - straight) * away.min(2)
-        return float(costs.sum(0).min(initial=math.inf))
+    def _by_way_of(self, part: Rectangle, at: Cell, goal: Cell) -> float:
+        """The least that a path by way of a rectangle's cells costs."""
+        row, col, rows, cols = part
+        cost = float(self._grid.robot.price.worth(at, goal))
+        for end in (at, goal):
+            near_row = min(max(end[0], row), row + rows - 1)
+            near_col = min(max(end[1], col), col + cols - 1)
+            cost += octile.py_func(*end, near_row, near_col, *self._grid.prices)
+        return cost
