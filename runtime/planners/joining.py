@@ -15,7 +15,7 @@ from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels.lattice import DIRECTION_COUNT
 from nnpp_edge.runtime.map.grid import Grid
-from nnpp_edge.runtime.search.astar import Query
+from nnpp_edge.runtime.search.astar import Query, Search
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.tuning import JOIN_AT, JOIN_EXPANSIONS, JOIN_WITHIN
 
@@ -78,8 +78,11 @@ class Joiner:
 
     def _arrives(self, way: Int32, place: Query) -> bool:
         """Whether a way ends at the goal, in a direction that is wanted there."""
-        wanted = place.wanted is None or place.wanted[self._moves.arrival(way)]
-        return bool(wanted) and cell_of(way[-1]) == place.goal
+        if cell_of(way[-1]) != place.goal:
+            return False
+        if place.wanted is None or way.shape[1] == 2:  # a body on feet turns on the spot there
+            return True
+        return bool(place.wanted[self._moves.arrival(way)])
 
     def _blocked(self, way: Int32) -> tuple[int, int] | None:
         """Numbers of the first and the last state of a way that cannot be stepped on; None where it
@@ -108,8 +111,12 @@ class Joiner:
             if end < len(way) - 1:
                 wanted = np.arange(DIRECTION_COUNT) == self._moves.arrival(way[: end + 1])
                 part = part._replace(goal=cell_of(way[end]), wanted=wanted)
-            memory = self._memory
-            found = self._moves.search(self._grid, part, memory, None, limit=JOIN_EXPANSIONS)
+            found = self.search(part)
             if found.status is Status.OK:
                 return np.concatenate((way[: max(begin, 0)], found.path, way[end + 1 :]))
         return None
+
+    def search(self, query: Query) -> Search:
+        """A short search."""
+        limit = JOIN_EXPANSIONS
+        return self._moves.search(self._grid, query, self._memory, None, limit=limit)
