@@ -11,6 +11,8 @@ Cell = tuple[int, int]
 """(row, col)."""
 Shape = tuple[int, int]
 """Rows and columns of a map."""
+Sides = tuple[float, float]
+"""Height and width of a cell, metres."""
 Endpoints = tuple[Cell, Cell]
 """Start and goal."""
 Rectangle = tuple[int, int, int, int]
@@ -28,9 +30,23 @@ def as_cell(cell: Cell, name: str) -> Cell:
     raise InvalidQueryError(f"{name} must be two whole numbers (row, col), got {shown(cell)}")
 
 
+def cell_of(state: NDArray[np.signedinteger]) -> Cell:
+    """The cell of a state of a path."""
+    row, col = state[:2].tolist()
+    return row, col
+
+
 def coarser(cell: Cell, factor: int) -> Cell:
     """The cell of `factor` × `factor` cells that holds a cell."""
     return cell[0] // factor, cell[1] // factor
+
+
+def above(part: Rectangle, factor: int) -> Rectangle:
+    """The cells of `factor` × `factor` cells in which those of a rectangle lie."""
+    row, col, rows, cols = part
+    top, left = coarser((row, col), factor)
+    bottom, right = coarser((row + rows - 1, col + cols - 1), factor)
+    return top, left, bottom - top + 1, right - left + 1
 
 
 def patch_at(origin: Cell, patch: tuple[int, ...], shape: tuple[int, int]) -> Rectangle:

@@ -4,7 +4,6 @@ answer is given.
 
 import math
 import time
-from dataclasses import dataclass
 
 from nnpp_edge.runtime.errors import InvalidQueryError
 
@@ -13,12 +12,16 @@ class OutOfTimeError(Exception):
     """The deadline of a query has passed. Planners catch it, and answer TIMEOUT."""
 
 
-@dataclass(frozen=True)
 class Deadline:
     """When to give up."""
 
-    at: float = math.inf
-    """Reading of `time.monotonic`, which kernels are given, see `kernels.clock`; inf for never."""
+    def __init__(self, at: float = math.inf) -> None:
+        self.at = at
+        """Reading of `time.monotonic`, which kernels are given, see `kernels.clock`; inf for
+        never.
+        """
+        self.until = at
+        """At which a search stops working, to ask whether it `goes_on`."""
 
     @classmethod
     def within(cls, seconds: float) -> "Deadline":
@@ -36,11 +39,6 @@ class Deadline:
     def passed(self) -> bool:
         """Whether it is too late."""
         return self.left_s <= 0.0
-
-    @property
-    def until(self) -> float:
-        """Reading of the clock at which a search stops working, to ask whether it `goes_on`."""
-        return self.at
 
     def goes_on(self) -> bool:
         """Whether a search that stopped may go on now; where it works in slices, after a pause."""

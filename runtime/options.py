@@ -7,22 +7,19 @@ default. Nothing heavy is imported, so that `--help` is instant.
 """
 
 import math
-from collections.abc import Callable
-from functools import cache, partial
-from pkgutil import resolve_name
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypedDict
+from typing import TYPE_CHECKING, Annotated, NamedTuple, TypedDict
 
 from msgspec import Meta
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
+    from nnpp_edge.runtime.arrays import Float2D
     from nnpp_edge.runtime.network.inference import NetworkModel
     from nnpp_edge.runtime.robots.slope.cost import Mobility
     from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
-Find = Callable[..., Any]
-_resolved = cache(resolve_name)
 CELLS = "cells"
 STATES = "states"
 """What a robot's search goes over: points and discs, and bodies (`robots.robot.CellMoves`)."""
@@ -53,12 +50,6 @@ class Entry(NamedTuple):
     """Whether it is one of the others, by figures."""
     in_slices: bool = False
     """Whether the loop may let it go on from tick to tick."""
-
-    def finder(self, methods: object) -> Find:
-        """What finds, for these `Methods`."""
-        by_itself = ":" in self.find
-        find: Find = _resolved(self.find) if by_itself else getattr(methods, self.find)
-        return partial(find, methods) if by_itself else find
 
     def refusal(self, over: str) -> str:
         """Why it does not plan for a robot whose search goes over cells or states; else empty."""
@@ -168,7 +159,31 @@ TERMS = (
     Term("roughness", " m", "roughness_limit_m", "roughness_weight", "hard_roughness_m"),
     Term("elevation difference", " m", "step_limit_m", "step_weight", "hard_step_m"),
 )
-"""The terms of Eq. 1, in the order of `kernels.records.Terms`."""
+"""The terms of Eq. 1 that heights make, in the order of `kernels.records.Terms`."""
+LAYER_TERMS: tuple[Term, ...] = ()
+"""Those of layers that are given with the heights; their words are the layers' names."""
+
+
+class Kind(NamedTuple):
+    """A kind of vehicle: what makes one, and its robot on a map."""
+
+    name: str
+    key: str
+    """The value of `Vehicle` without which it is none."""
+    robot: str
+    """``module:function`` of (state): the `Robot` on a `MapState` that is being made."""
+    values: tuple[str, ...] = ()
+    """What else it may have; empty for everything."""
+    by_heights: bool = True
+    """Whether it stands by heights, not by costs alone."""
+
+
+_ROBOTS = "nnpp_edge.runtime.robots."
+KINDS = (
+    Kind("disc", "radius_m", f"{_ROBOTS}disc:disc_on", ("turning_radius_m",), by_heights=False),
+    Kind("body", "length_m", f"{_ROBOTS}body.robot:body_on"),
+)
+"""A vehicle is of the first kind whose key it has."""
 
 
 Omega = Annotated[
@@ -195,15 +210,22 @@ class StepOptions(TypedDict, total=False):
     corner_cutting: CornerCutting
 
 
-class PlannerOptions(StepOptions, total=False):
-    """What a planner is made with beside its map: the options of `Planner` and `DynamicPlanner`,
-    and of their `of_elevation`. Attributes of `Ground` are the ground's.
-    """
+class GroundOptions(TypedDict, total=False):
+    """Attributes of `Ground`, beside heights and limits."""
 
     cell_width_m: float | None
     vehicle: "Vehicle | None"
     step_cost: str
     mobility: "Mobility | None"
+    prior: str
+    layers: "Mapping[str, Float2D]"
+
+
+class PlannerOptions(GroundOptions, StepOptions, total=False):
+    """What a planner is made with beside its map: the options of `Planner` and `DynamicPlanner`,
+    and of their `of_elevation`.
+    """
+
     lazy: bool
     """Whether costs of heights are computed, and poses checked, only where searched, as by
     default. Else all are now; plans are the same. Costs of steps by the slope always are."""

@@ -30,8 +30,8 @@ class Preparing:
 preparing = Preparing()
 
 
-class Stopwatch:
-    """Milliseconds by stage, from the moment it is made.
+class Work:
+    """Time and expansions of a query so far: milliseconds by stage, from the moment it is made.
 
     Kernels that have to be loaded or compiled on the way are a stage of their own, ``kernels``.
     """
@@ -41,9 +41,12 @@ class Stopwatch:
         self._prepared_s = preparing.seconds
         self.timings_ms: dict[str, float] = {}
         """Milliseconds by stage, in the order in which the stages first ended."""
+        self.expansions = 0
+        """Cells expanded, at all levels."""
 
-    def stage_ends(self, stage: str) -> None:
-        """Add the time since the last stage ended to this one."""
+    def stage_ends(self, stage: str, expansions: int = 0) -> None:
+        """Add the time since the last stage ended to this one, which expanded so many cells."""
+        self.expansions += expansions
         now = time.perf_counter()
         if preparing.seconds > self._prepared_s:
             self._add("kernels", preparing.seconds - self._prepared_s)

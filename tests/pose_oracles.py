@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import map_coordinates
 
+from nnpp_edge.runtime.kernels.poses import FAILS, MOST_CODE
 from tests import oracles
 
 AXES = ((1, 0), (2, 1), (1, 1), (1, 2), (0, 1), (-1, 2), (-1, 1), (-2, 1))
@@ -122,6 +123,76 @@ def headings_of(path):
     """
     legs = np.diff(np.asarray(path, np.int64), axis=0)
     return np.degrees(np.arctan2(legs[:, 1], -legs[:, 0])) % 360.0
+
+
+# --- arcs, by geometry of its own: one touches the lines of two directions, which cross at a point
+
+
+def angle_of(k, sides):
+    return math.atan2(DIRECTIONS[k][1] * sides[1], DIRECTIONS[k][0] * sides[0])
+
+
+def turn_of(k, sides):
+    """Radians from a direction to the next."""
+    return (angle_of((k + 1) % 16, sides) - angle_of(k, sides)) % (2.0 * math.pi)
+
+
+def bend(k, sides, radius):
+    """(row, col) to which the shortest arc to the left from a direction leads, and its metres."""
+    after = (k + 1) % 16
+    turn = turn_of(k, sides)
+    units = [
+        math.hypot(DIRECTIONS[at][0] * sides[0], DIRECTIONS[at][1] * sides[1]) for at in (k, after)
+    ]
+    wanted = radius * math.tan(turn / 2.0)
+    a, b = (next(n for n in itertools.count(1) if n * unit >= wanted - 1e-9) for unit in units)
+    touch = min(a * units[0], b * units[1])
+    place = tuple(a * DIRECTIONS[k][axis] + b * DIRECTIONS[after][axis] for axis in (0, 1))
+    return place, a * units[0] + b * units[1] - 2.0 * touch + touch / math.tan(turn / 2.0) * turn
+
+
+def ways_from(k, vehicle, sides):
+    """From a heading: (row, col, heading, gear, motion, whether that begins where it leads to,
+    cells, metres).
+    """
+    for gear in (1,) if vehicle.reverse_cost is None else (1, -1):
+        ahead = (k if gear > 0 else k + 8) % 16
+        length = math.hypot(*DIRECTIONS[k])
+        yield *DIRECTIONS[ahead], k, gear, k % 8, ahead >= 8, length, 0.0
+        for side in (1, -1):
+            # rightwards is the arc that comes from where this one leads to, the other way round
+            arc = ahead if side > 0 else (ahead + 7) % 16
+            (down, right), metres = bend(arc, sides, vehicle.turning_radius_m)
+            cells = metres / min(sides)
+            yield side * down, side * right, (k + side) % 16, gear, 16 + arc, side < 0, cells, 0.0
+    if vehicle.turns_on_spot:
+        for side in (1, -1):
+            first = k if side > 0 else (k - 1) % 16
+            metres = turn_of(first, sides) * vehicle.turn_m_per_rad
+            yield 0, 0, (k + side) % 16, 0, 8 + first % 8, False, 0.0, metres
+
+
+def costs_to_arcs(codes, vehicle, sides, scale, starts):
+    """(H, W, 16, 3) cost of the cheapest way from one of some states to each; a state's last index
+    is the gear it was come to in.
+    """
+    shape = (*codes.shape[:2], 16, 3)
+    states = np.arange(math.prod(shape)).reshape(shape)
+    found = []
+    for k in range(16):
+        for way in ways_from(k, vehicle, sides):
+            down, right, to, gear, motion, begins_there, cells, metres = way
+            ends = between(shape[:2], (down, right))
+            code = codes[(*ends[begins_there], motion)]
+            fare = cells * (vehicle.reverse_cost if gear < 0 else 1.0)
+            price = fare * (1.0 + 2.0 * scale * (code - 1.0) / MOST_CODE) + metres / sides[0]
+            price[code >= FAILS] = math.inf
+            for before in (1, -1):
+                after = gear or before
+                change = vehicle.gear_change_m / sides[0] if after != before else 0.0
+                one, other = states[(*ends[0], k, before)], states[(*ends[1], to, after)]
+                found.append((one, other, price + change))
+    return oracles.costs_from(oracles.possible(found), shape, *starts)
 
 
 # --- poses

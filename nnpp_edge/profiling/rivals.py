@@ -10,8 +10,8 @@ from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.methods import Methods
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan
 from nnpp_edge.runtime.planners.planner import Planner
-from nnpp_edge.runtime.planners.query import Work
 from nnpp_edge.runtime.search.astar import Query
+from nnpp_edge.runtime.stopwatch import Work
 from nnpp_edge.runtime.terrain.step_cost import PAPER_OMEGA
 from nnpp_edge.runtime.tuning import LEARNED_CORRIDOR, WIDENED_CORRIDOR, CorridorWidth
 

@@ -138,30 +138,44 @@ def way_of(leg):
     return down, right, math.sqrt(down * down + right * right)
 
 
-@helper
-def _touches(ground, row, col):
-    """Whether a place lies in an impassable cell, or touches one."""
-    top = int64(math.floor(row + 0.5 - TOUCH))
-    bottom = int64(math.floor(row + 0.5 + TOUCH))
-    left = int64(math.floor(col + 0.5 - TOUCH))
-    right = int64(math.floor(col + 0.5 + TOUCH))
-    if not is_passable(ground, top, left):
-        return True
-    if top == bottom and left == right:
-        return False
-    beside = is_passable(ground, top, right) and is_passable(ground, bottom, left)
-    return not (beside and is_passable(ground, bottom, right))
-
-
-@helper
-def _touches_along_sides(ground, leg):
-    """Whether a leg along cells' sides touches an impassable one."""
+@inlined
+def _columns_near(leg, i, rows_off, cols_off):
+    """First and last of the columns that are so near to the part of a leg that is so near to a
+    row; the last is before the first where there is none.
+    """
     down, right, _ = way_of(leg)
-    count = int64(2.0 * max(abs(down), abs(right))) + 1
-    for k in range(count + 1):
-        if _touches(ground, leg.row + down * k / count, leg.col + right * k / count):
-            return True
-    return False
+    first = 0.0
+    last = 1.0
+    if down != 0.0:
+        one = (i - rows_off - leg.row) / down
+        two = (i + rows_off - leg.row) / down
+        first = max(min(one, two), 0.0)
+        last = min(max(one, two), 1.0)
+    begin = leg.col + first * right
+    end = leg.col + last * right
+    return math.ceil(min(begin, end) - cols_off), math.floor(max(begin, end) + cols_off)
+
+
+@helper
+def _is_passable_along(ground, leg):
+    """Whether every cell that a leg touches is passable.
+
+    Where corners may be cut, diagonal legs from the middle of a cell may lead through them, as the
+    grid's steps do. Of other legs rounding hides whether they pass a corner or cut a sliver off the
+    cell beside it.
+    """
+    down, right, _ = way_of(leg)
+    from_middle = leg.row == math.floor(leg.row) and leg.col == math.floor(leg.col)
+    through_corners = ground.corner_cutting and abs(down) == abs(right) and from_middle
+    off = 0.5 - TOUCH if through_corners else 0.5 + TOUCH
+    top = math.ceil(min(leg.row, leg.to_row) - off)
+    bottom = math.floor(max(leg.row, leg.to_row) + off)
+    for i in range(top, bottom + 1):
+        left, last = _columns_near(leg, i, off, off)
+        for j in range(left, last + 1):
+            if not is_passable(ground, i, j):
+                return False
+    return True
 
 
 @inlined
@@ -173,38 +187,26 @@ def _beyond(at, half):
 
 @helper
 def _square_apart(leg, height, width):
-    """Square of the metres from a leg to a cell's square, of half this height and width; the leg's
-    ends are in metres, from the square's middle.
+    """Square of the metres from a leg to a cell's square, of half this height and width, that it
+    does not cross; the leg's ends are in metres, from the square's middle.
     """
     down, right, _ = way_of(leg)
     of_start = _beyond(leg.row, height) + _beyond(leg.col, width)
     of_end = _beyond(leg.to_row, height) + _beyond(leg.to_col, width)
     near = min(of_start, of_end)
     length = down * down + right * right
-    sides = 0
     for row, col in ((-height, -width), (-height, width), (height, width), (height, -width)):
         across = (row - leg.row) * right - (col - leg.col) * down
-        sides += 1 if across > 0.0 else -1
-        share = ((row - leg.row) * down + (col - leg.col) * right) / length
-        if 0.0 < share < 1.0:
+        along = (row - leg.row) * down + (col - leg.col) * right
+        if 0.0 < along < length:
             near = min(near, across * across / length)
-    overlaps = min(leg.row, leg.to_row) <= height and max(leg.row, leg.to_row) >= -height
-    overlaps = overlaps and min(leg.col, leg.to_col) <= width and max(leg.col, leg.to_col) >= -width
-    return 0.0 if overlaps and abs(sides) < 4 else near
-
-
-@inlined
-def _is_free(room, row, col):
-    """Whether no obstacle lies on a cell."""
-    if not (0 <= row < room.rows and 0 <= col < room.cols):
-        return False
-    return room.weights[uint64((row + 1) * (room.cols + 2) + col + 1)] < inf
+    return near
 
 
 @helper
 def _keeps_away(room, leg):
-    """Whether a disc that follows a leg touches no obstacle: by the distance of the leg from each
-    cell's square.
+    """Whether a disc that follows a leg over passable cells touches no obstacle: by the distance
+    of the leg from each cell's square.
     """
     if room.radius == 0.0:
         return True
@@ -214,24 +216,13 @@ def _keeps_away(room, leg):
     cols_off = room.radius / width + 0.5
     least = (room.radius * _ROUNDING) ** 2
     down, right, _ = way_of(leg)
-    if down == 0.0 and right == 0.0:
-        down = TOUCH
-    top = math.ceil(min(leg.row, leg.to_row) - rows_off)
-    bottom = math.floor(max(leg.row, leg.to_row) + rows_off)
+    # what lies off the map begins with the row, or column, beside it
+    top = max(math.ceil(min(leg.row, leg.to_row) - rows_off), -1)
+    bottom = min(math.floor(max(leg.row, leg.to_row) + rows_off), room.rows)
     for i in range(top, bottom + 1):
-        # the part of the leg that may be so near to this row
-        first = 0.0
-        last = 1.0
-        if down != 0.0:
-            one = (i - rows_off - leg.row) / down
-            two = (i + rows_off - leg.row) / down
-            first = max(min(one, two), 0.0)
-            last = min(max(one, two), 1.0)
-        low = leg.col + first * right
-        high = leg.col + last * right
-        left = math.ceil(min(low, high) - cols_off)
-        for j in range(left, math.floor(max(low, high) + cols_off) + 1):
-            if _is_free(room, i, j):
+        left, last = _columns_near(leg, i, rows_off, cols_off)
+        for j in range(max(left, -1), min(last, room.cols) + 1):
+            if room.weights[uint64((i + 1) * (room.cols + 2) + j + 1)] < inf:
                 continue
             row = (leg.row - i) * height
             col = (leg.col - j) * width
@@ -247,72 +238,6 @@ def is_clear(ground, leg):
     obstacle.
     """
     return _is_passable_along(ground, leg) and _keeps_away(ground.room, leg)
-
-
-@inlined
-def _per(way):
-    """Share of a leg that leads a row, or a column, on."""
-    return 1.0 / abs(way) if way != 0.0 else inf
-
-
-@inlined
-def _to_side(at, cell, way):
-    """Share of a leg up to the side of the cell that it begins in."""
-    if way == 0.0:
-        return inf
-    return (cell + 0.5 - at if way > 0.0 else at + 0.5 - cell) * _per(way)
-
-
-@inlined
-def _runs_along_side(at, across, along):
-    """Whether a leg runs along cells' sides."""
-    level = abs(across) <= TOUCH and abs(along) > 0.0
-    return level and abs(at + 0.5 - round(at + 0.5)) <= 2.0 * TOUCH
-
-
-@helper
-def _is_passable_along(ground, leg):
-    """Whether every cell that a leg touches is passable.
-
-    Where corners may be cut, diagonal legs from the middle of a cell may lead through them, as the
-    grid's steps do. Of other legs rounding hides whether they pass a corner or cut a sliver off the
-    cell beside it.
-    """
-    row = leg.row
-    col = leg.col
-    down, right, _ = way_of(leg)
-    if _touches(ground, row, col) or _touches(ground, leg.to_row, leg.to_col):
-        return False
-    if _runs_along_side(row, down, right) or _runs_along_side(col, right, down):
-        return not _touches_along_sides(ground, leg)
-    i = int64(math.floor(row + 0.5))
-    j = int64(math.floor(col + 0.5))
-    row_step = 1 if down > 0.0 else -1
-    col_step = 1 if right > 0.0 else -1
-    per_row = _per(down)
-    per_col = _per(right)
-    next_row = _to_side(row, i, down)
-    next_col = _to_side(col, j, right)
-    near = TOUCH * min(per_row, per_col)
-    from_middle = row == math.floor(row) and col == math.floor(col)
-    diagonal = ground.corner_cutting and abs(down) == abs(right) and from_middle
-    while True:
-        if not is_passable(ground, i, j):
-            return False
-        if min(next_row, next_col) >= 1.0:
-            return True
-        at_corner = abs(next_row - next_col) <= near
-        if at_corner and not (diagonal and next_row == next_col):
-            beside = is_passable(ground, i + row_step, j) and is_passable(ground, i, j + col_step)
-            if not beside:
-                return False
-        by_row = at_corner or next_row < next_col
-        if at_corner or not by_row:
-            j = j + col_step
-            next_col = next_col + per_col
-        if by_row:
-            i = i + row_step
-            next_row = next_row + per_row
 
 
 # Costs
@@ -333,6 +258,12 @@ def _integral_beside_obstacles(ground, leg, at, end):
             weight = weight_at(ground, leg.row + share * down, leg.col + share * right)
             total += half * factor * weight
     return total
+
+
+@inlined
+def _per(way):
+    """Share of a leg that leads a row, or a column, on."""
+    return 1.0 / abs(way) if way != 0.0 else inf
 
 
 @inlined

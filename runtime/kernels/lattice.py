@@ -36,14 +36,16 @@ from nnpp_edge.runtime.kernels.nodes import (
 )
 from nnpp_edge.runtime.kernels.open_list import (
     NOTHING,
-    SPAN,
     bucket_of,
     empty,
     last_bucket_below,
     push,
+    refuse,
     resume,
+    stop_at,
     suspend,
     taking_by,
+    wait,
 )
 from nnpp_edge.runtime.kernels.paths import node_on, step_to
 from nnpp_edge.runtime.kernels.poses import (
@@ -69,7 +71,6 @@ from nnpp_edge.runtime.kernels.records import (
     RIGHT,
     THERE,
     TO,
-    Area,
     CellJudge,
     Ends,
     Field,
@@ -83,7 +84,6 @@ from nnpp_edge.runtime.kernels.records import (
     Poses,
     Prices,
     Region,
-    Searched,
     Seeds,
     StateJudge,
     StateRule,
@@ -132,6 +132,12 @@ def left_over(rows, cols, legs):
 
 
 @inlined
+def _distance(row, col, to, legs):
+    """Least cost of a way from a cell to another, by distances alone."""
+    return left_over(abs(row - to.row), abs(col - to.col), legs)
+
+
+@inlined
 def _place(state, frame):
     """Row and column within the border of a state, and its number among those of its cell."""
     node = state >> frame.bits
@@ -151,7 +157,7 @@ def _left_at(row, col, local, judge):
     distances.
     """
     field = judge.field
-    left = left_over(abs(row - judge.goal_row), abs(col - judge.goal_col), judge.legs)
+    left = _distance(row, col, judge, judge.legs)
     if len(field.g):
         node = row * judge.frame.stride + col
         word = word_of(field.meta, node)
@@ -161,8 +167,7 @@ def _left_at(row, col, local, judge):
             if len(field.between) and left > 0.0:
                 left += field.between[local & _DIRECTION_MASK, onwards]
             return left
-        from_start = left_over(abs(row - field.row), abs(col - field.col), judge.legs)
-        left = max(left, field.floor - from_start)
+        left = max(left, field.floor - _distance(row, col, field, judge.legs))
     return left
 
 
@@ -173,17 +178,11 @@ def _left(state, judge):
     return _left_at(row, col, local, judge)
 
 
-@inlined
-def _distance(row, col, judge):
-    """Least cost of a way from a cell, by distances alone."""
-    return left_over(abs(row - judge.row), abs(col - judge.col), judge.legs)
-
-
 @helper
 def _left_of_cell(node, judge):
     """As `_distance`, of a node."""
     row = node // judge.stride
-    return _distance(row, node - row * judge.stride, judge)
+    return _distance(row, node - row * judge.stride, judge, judge.legs)
 
 
 _take = taking_by(_left)
@@ -215,13 +214,22 @@ def _is_on_map(poses, row, col):
 
 
 @inlined
-def _step(code, edges, node, move, fare, unit):
+def _fare(code, fare, unit):
     """Cost of a primitive by its code; unchecked as if on the best ground, inf where it fails."""
     if code >= FAILS:
         return float32(inf)
-    if len(edges) and move[EDGE] >= 0:
-        return edges[uint64(node), uint64(move[EDGE])]
     return fare[BY_LENGTH] * (float32(1.0) + motion_weight(code, unit)) + fare[FIXED]
+
+
+@inlined
+def _step(code, node, local, way, task):
+    """As `_fare`, of a primitive that leaves a state of a node; of a leg by its edge, if there are
+    any.
+    """
+    edge = task.prices.moves[local, way, EDGE]
+    if len(task.edges) and edge >= 0 and code < FAILS:
+        return task.edges[uint64(node), uint64(edge)]
+    return _fare(code, task.prices.fares[local, way], task.prices.unit)
 
 
 @kernel
@@ -252,6 +260,13 @@ def trace_states(meta, state, prices, frame, out):
 
 
 @inlined
+def _resumed(memory, bound):
+    """How far a search had come when its last call stopped."""
+    queue = resume(memory)
+    return Frontier(queue, bound, last_bucket_below(bound, queue), memory.reals[REFUSED])
+
+
+@inlined
 def _seed(memory, seeds, judge, base, width):
     """Begin a field: the seeds are on the open list, which has room for all."""
     queue = empty(memory, base, width)
@@ -266,17 +281,10 @@ def _seed(memory, seeds, judge, base, width):
 
 
 @inlined
-def _ray_on(i, j, k, node, task):
-    """The node on which the motion of a ray begins that leads from a cell to a node."""
-    return node if task.prices.rays[k, THERE] else i * task.judge.stride + j
-
-
-@inlined
-def _by_ray(i, j, k, g_node, code, onwards, task):
-    """Cost of a cell by ray k, whose motion has this code, to a node that costs `g_node` and is
-    left `onwards`.
+def _by_ray(there, k, g_node, code, onwards, task):
+    """Cost of the node `there` by ray k, whose motion has this code, to a node that costs `g_node`
+    and is left `onwards`.
     """
-    there = i * task.judge.stride + j
     turn = float32(0.0)
     if len(task.between) and g_node > 0.0:
         turn = task.between[k, onwards]
@@ -294,35 +302,38 @@ def _known(memory, node):
 
 
 @inlined
-def _relax_ray(i, j, k, node, g_node, onwards, task, front):
-    """Relax ray k, by which a cell costs less than it did: its motion is checked now."""
+def _relax_ray(row, col, k, node, g_node, onwards, task, front):
+    """Relax ray k, by which a node is come to."""
     poses = task.poses
     judge = task.judge
+    ray = task.prices.rays[k]
+    i = row - ray[DOWN]
+    j = col - ray[RIGHT]
+    if not _is_on_map(poses, i, j):
+        return front
     there = i * judge.stride + j
-    motion = int64(task.prices.rays[k, MOTION])
-    on = _ray_on(i, j, k, node, task)
+    motion = int64(ray[MOTION])
+    on = node if ray[THERE] else there
     code = _code(poses, on, motion)
-    reached = _by_ray(i, j, k, g_node, code, onwards, task)
-    left = _distance(i, j, judge)
-    if reached + left >= front.bound:
+    if code >= FAILS:
+        return front
+    known = _known(task.memory, there)
+    reached = _by_ray(there, k, g_node, code, onwards, task)
+    left = _distance(i, j, judge, judge.legs)
+    if not reached < known or reached + left >= front.bound:
         return front
     in_region = len(task.region.bitmap) == 0 or there == task.start
     if not in_region and outside(task.region, i, j):
-        refused = min(front.refused, reached + left)
-        return Frontier(front.queue, front.bound, front.last_bucket, refused)
+        return refuse(front, reached + left)
     if code == UNCHECKED:
         code = _checked_code(poses, on, motion)
-        reached = _by_ray(i, j, k, g_node, code, onwards, task)
-        dearer = not reached < _known(task.memory, there) or reached + left >= front.bound
-        if code >= FAILS or dearer:
+        reached = _by_ray(there, k, g_node, code, onwards, task)
+        if code >= FAILS or not reached < known or reached + left >= front.bound:
             return front
     visit(task.memory, there, reached, OPEN_BIT | (k & _DIRECTION_MASK))
     if there == task.start:
-        bound = float64(reached)
-        last_bucket = last_bucket_below(bound, front.queue)
-        return Frontier(front.queue, bound, last_bucket, front.refused)
-    queue = push(task.memory, front.queue, bucket_of(reached + left, front.queue), there)
-    return Frontier(queue, front.bound, front.last_bucket, front.refused)
+        return stop_at(front, float64(reached))
+    return wait(task.memory, front, reached + left, there)
 
 
 @kernel
@@ -353,19 +364,15 @@ def fill_field(poses, edges, prices, region, seeds, ends, rule, memory, limits):
     rule = borrowed(FieldRule(*rule))
     memory = borrowed(Memory(*memory))
     limits = Limits(*limits)
-    rays = prices.rays
+    rays = len(prices.rays)
     stride = poses.cols + 2
     judge = CellJudge(stride, start // stride, start % stride, Legs(*rule.legs))
     task = FieldTask(poses, edges, prices, region, judge, start, rule.between, memory)
     if goal >= 0:
         base = _left_of_cell(goal, judge)
         _seed(memory, borrowed(Seeds(*seeds)), judge, base, rule.width)
-    queue = resume(memory)
-    front = Frontier(queue, inf, int64(SPAN), memory.reals[REFUSED])
-    if word_of(memory.meta, start) >> STAMP_SHIFT == memory.stamp:
-        bound = float64(g_of(memory.g, start))
-        front = Frontier(queue, bound, last_bucket_below(bound, queue), front.refused)
-    room = int64(len(memory.entries)) // 2 - len(rays) - 1
+    front = _resumed(memory, float64(_known(memory, start)))
+    room = int64(len(memory.entries)) // 2 - rays - 1
     expansions = memory.counts[EXPANSIONS]
     last = expansions + limits.most
     taken = 0
@@ -389,76 +396,19 @@ def fill_field(poses, edges, prices, region, seeds, ends, rule, memory, limits):
         g_node = g_of(memory.g, node)
         row = node // stride
         col = node - row * stride
-        if g_node + _distance(row, col, judge) >= front.bound:
+        if g_node + _distance(row, col, judge, judge.legs) >= front.bound:
             continue  # and stays open: what it costs may not be the least
         # close it, and expand it: relax the rays that lead to it
         word = word_of(memory.meta, node)
         put_word(memory.meta, node, word & ~OPEN_BIT)
         expansions += 1
         onwards = word & DIRECTION_BITS
-        for k in range(len(rays)):
-            i = row - rays[k, DOWN]
-            j = col - rays[k, RIGHT]
-            if not _is_on_map(poses, i, j):
-                continue
-            found = _code(poses, _ray_on(i, j, k, node, task), int64(rays[k, MOTION]))
-            if found >= FAILS:
-                continue
-            reached = _by_ray(i, j, k, g_node, found, onwards, task)
-            if reached < _known(memory, i * stride + j):
-                front = _relax_ray(i, j, k, node, g_node, onwards, task, front)
+        for k in range(rays):
+            front = _relax_ray(row, col, k, node, g_node, onwards, task, front)
     suspend(memory, front.queue)
     memory.reals[REFUSED] = front.refused
     memory.counts[EXPANSIONS] = expansions
     return code, expansions, front.refused
-
-
-@kernel
-def least_of_cells(searched, frame, area, nodes, costs, onwards):
-    """Least costs of cells near a goal, as a search of states from the goal has them.
-
-    Parameters
-    ----------
-    searched
-        `Searched`: bodies stand the other way round than on their way to the goal.
-    frame, area
-        `Frame`; `Area` of the cells that are looked at, numbered within the border.
-    nodes, costs, onwards : (2, N)
-        Written: cells, what they cost, and the direction in which the way on leaves them; in the
-        first row by states that are still open, in the second by settled ones. N cells are in
-        `area`.
-
-    Returns
-    -------
-    (int, int)
-        How many are written into each row.
-    """
-    searched = borrowed(Searched(*searched))
-    frame = Frame(*frame)
-    area = Area(*area)
-    found = 0
-    open_cells = 0
-    for settled in range(2):
-        open_cells = found
-        found = 0
-        for row in range(area.row0, area.row1):
-            for col in range(area.col0, area.col1):
-                node = row * frame.stride + col
-                least = float32(inf)
-                for local in range(1 << frame.bits):
-                    state = _state(node, local, frame)
-                    word = searched.meta[2 * state + 1]
-                    wanted = word >> STAMP_SHIFT == searched.stamp
-                    wanted &= (word & OPEN_BIT == 0) == settled
-                    if wanted and searched.g[2 * state] < least:
-                        least = searched.g[2 * state]
-                        ahead = local + (AXIS_COUNT if local < DIRECTION_COUNT else 0)
-                        onwards[settled, found] = ahead & _DIRECTION_MASK
-                if least < inf:
-                    nodes[settled, found] = node
-                    costs[settled, found] = least
-                    found += 1
-    return open_cells, found
 
 
 # The states
@@ -500,7 +450,7 @@ def _come_by(row, col, local, way, before, checks, task):
     at = (row - move[DOWN]) * frame.stride + col - move[RIGHT]
     on = row * frame.stride + col if move[THERE] else at
     code = _checked_code(task.poses, on, motion) if checks else _code(task.poses, on, motion)
-    step = _step(code, task.edges, at, move, prices.fares[before, way], prices.unit)
+    step = _step(code, at, before, way, task)
     return g_of(task.memory.g, _state(at, before, frame)) + step, code
 
 
@@ -541,8 +491,7 @@ def _wait(state, h, least, word, task, front):
     if not word:
         return front
     memory.g[uint64(2 * state)] = least
-    queue = push(memory, front.queue, bucket_of(least + h, front.queue), state)
-    return Frontier(queue, front.bound, front.last_bucket, front.refused)
+    return wait(memory, front, least + h, state)
 
 
 @inlined
@@ -550,10 +499,8 @@ def _relax(row, col, local, way, g_state, expansions, task, front, settled):
     """Relax a primitive by which a state is left; the frontier, and the best state at the goal."""
     memory = task.memory
     poses = task.poses
-    prices = task.prices
     frame = task.judge.frame
-    move = prices.moves[local, way]
-    fare = prices.fares[local, way]
+    move = task.prices.moves[local, way]
     to = int64(move[TO])
     i = row + move[DOWN]
     j = col + move[RIGHT]
@@ -575,29 +522,25 @@ def _relax(row, col, local, way, g_state, expansions, task, front, settled):
         sure = not before & UNSURE_BIT
         if not before & OPEN_BIT and across != task.goal:
             known -= float32(task.rule.again * expansions)
-    reached = float32(g_state + _step(found, task.edges, node, move, fare, prices.unit))
+    reached = float32(g_state + _step(found, node, local, way, task))
     left = _left_at(i, j, to, task.judge)
     if not reached < known or reached + left >= front.bound:
         return front, settled
     in_region = len(task.region.bitmap) == 0 or across == node or across == task.goal
     if not in_region and outside(task.region, i, j):
-        refused = min(front.refused, reached + left)
-        return Frontier(front.queue, front.bound, front.last_bucket, refused), settled
+        return refuse(front, reached + left), settled
     ends_here = across == task.goal and task.rule.wanted[to]
     if (ends_here or sure) and found == UNCHECKED:  # what is sure stays so
         found = _checked_code(poses, on, motion)
-        reached = float32(g_state + _step(found, task.edges, node, move, fare, prices.unit))
+        reached = float32(g_state + _step(found, node, local, way, task))
         if not reached < known or reached + left >= front.bound:
             return front, settled
     if ends_here:  # never expanded, so never put on the open list
         visit(memory, there, reached, way)
-        bound = (reached + left) * task.rule.beyond
-        last_bucket = last_bucket_below(bound, front.queue)
-        return Frontier(front.queue, bound, last_bucket, front.refused), there
+        return stop_at(front, (reached + left) * task.rule.beyond), there
     unsure = UNSURE_BIT if found == UNCHECKED else 0
     visit(memory, there, reached, OPEN_BIT | unsure | way)
-    queue = push(memory, front.queue, bucket_of(reached + left, front.queue), there)
-    return Frontier(queue, front.bound, front.last_bucket, front.refused), settled
+    return wait(memory, front, reached + left, there), settled
 
 
 @kernel
@@ -635,9 +578,7 @@ def expand_states(poses, edges, prices, field, region, ends, rule, memory, limit
     task = StateTask(poses, edges, named, region, judge, ends.goal, rule, memory)
     if ends.start >= 0:
         _set_out(ends, task)
-    queue = resume(memory)
-    bound = memory.reals[BOUND]
-    front = Frontier(queue, bound, last_bucket_below(bound, queue), memory.reals[REFUSED])
+    front = _resumed(memory, memory.reals[BOUND])
     best_h = memory.reals[BEST_H]
     settled = memory.counts[GOAL_STATE]
     ways = named.moves.shape[1]
@@ -684,8 +625,7 @@ def expand_states(poses, edges, prices, field, region, ends, rule, memory, limit
             best_h = h
             memory.counts[BEST_NODE] = state
         for way in range(ways):
-            relaxed = _relax(row, col, local, way, g_state, expansions, task, front, settled)
-            front, settled = relaxed
+            front, settled = _relax(row, col, local, way, g_state, expansions, task, front, settled)
     suspend(memory, front.queue)
     memory.reals[REFUSED] = front.refused
     memory.reals[BEST_H] = best_h
@@ -705,7 +645,7 @@ def expand_states(poses, edges, prices, field, region, ends, rule, memory, limit
 
 
 @kernel
-def walk_states(poses, edges, prices, path, first, costs):
+def walk_states(poses, prices, path, first, costs):
     """Write what a body's path (N, 2) costs from its cell `first` to each later one into `costs`
     (N,).
 
@@ -736,18 +676,14 @@ def walk_states(poses, edges, prices, path, first, costs):
         code = _checked_code(poses, at, k & _AXIS_MASK)
         if code >= FAILS:
             return n
-        if len(edges):
-            total += edges[node, k]
-        else:
-            fare = prices.fares[k, LEG, BY_LENGTH]
-            total += fare * (1.0 + motion_weight(code, prices.unit))
+        total += prices.fares[k, LEG, BY_LENGTH] * (1.0 + motion_weight(code, prices.unit))
         costs[n] = total
         before = k
     return -1
 
 
 @kernel
-def walk_primitives(poses, edges, prices, path, first, costs):
+def walk_primitives(poses, prices, path, first, costs):
     """Write what a path of states (N, 3) costs from its state `first` to each later one into
     `costs` (N,).
 
@@ -773,8 +709,7 @@ def walk_primitives(poses, edges, prices, path, first, costs):
             if leads:
                 on = across if move[THERE] else node
                 code = _checked_code(poses, on, int64(move[MOTION]))
-                fare = prices.fares[local, way]
-                step = float64(_step(code, edges, node, move, fare, prices.unit))
+                step = float64(_fare(code, prices.fares[local, way], prices.unit))
         if step == inf:
             return n
         total += step

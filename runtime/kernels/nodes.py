@@ -46,6 +46,17 @@ def octile(row, col, goal_row, goal_col, h_straight, h_diagonal):
 
 
 @inlined
+def rows_around(numbers, first, cols, n):
+    """Numbers of the rows above, at and below `n` cells of a row, from index `first` on, and of a
+    cell more at each end: a slice for each, as indices that begin at 0 need no look for negative
+    ones.
+    """
+    above = numbers[first - cols - 1 : first - cols + n + 1]
+    below = numbers[first + cols - 1 : first + cols + n + 1]
+    return above, numbers[first - 1 : first + n + 1], below
+
+
+@inlined
 def neighbour(node, k, stride):
     """The node to which a step in direction k leads."""
     return node + ROW_STEP[k] * stride + COL_STEP[k]

@@ -107,6 +107,26 @@ def push(memory, queue, bucket, node):
 
 
 @inlined
+def wait(memory, front, f, node):
+    """Have a node of this f wait on the list."""
+    queue = push(memory, front.queue, bucket_of(f, front.queue), node)
+    return Frontier(queue, front.bound, front.last_bucket, front.refused)
+
+
+@inlined
+def refuse(front, f):
+    """Note that the region refused a node of this f."""
+    return Frontier(front.queue, front.bound, front.last_bucket, min(front.refused, f))
+
+
+@inlined
+def stop_at(front, bound):
+    """Leave out what has an f of this bound or more."""
+    last_bucket = last_bucket_below(bound, front.queue)
+    return Frontier(front.queue, bound, last_bucket, front.refused)
+
+
+@inlined
 def pop(memory, queue):
     """Take the newest open node of the first fine bucket that has any; NOTHING where none has."""
     fine_at = queue.fine_at

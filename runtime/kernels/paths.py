@@ -6,7 +6,8 @@ from numpy import float64, inf, int64
 
 from nnpp_edge.runtime.compiled.kernel import inlined, kernel
 from nnpp_edge.runtime.kernels.nodes import COL, ROW, beside_wall, octile, step_cost
-from nnpp_edge.runtime.kernels.records import Grid, StepTerms
+from nnpp_edge.runtime.kernels.records import Grid, StepTerms, Tiles
+from nnpp_edge.runtime.kernels.tiles import open_at
 
 
 @inlined
@@ -24,10 +25,11 @@ def node_on(path, n, stride):
 
 
 @kernel
-def measure(weights, stride, path):
-    """Straight and diagonal steps, weights summed over straight and over diagonal steps, and over
-    cells.
-    """
+def measure(grid, path):
+    """Cost of a path of cells, straight and diagonal steps, and the sum of the cells' weights."""
+    grid = Grid(*grid)
+    tiles = Tiles(*grid.tiles)
+    terms = StepTerms(*grid.steps)
     straight = 0
     diagonal = 0
     by_straight = 0.0
@@ -35,7 +37,8 @@ def measure(weights, stride, path):
     total = 0.0
     before = 0.0
     for n in range(len(path)):
-        weight = float64(weights[node_on(path, n, stride)])
+        open_at(tiles, path[n, ROW], path[n, COL])  # a search may not have read it
+        weight = float64(grid.weights[node_on(path, n, grid.stride)])
         total += weight
         if n > 0:
             down, right = step_to(path, n)
@@ -46,7 +49,9 @@ def measure(weights, stride, path):
                 straight += 1
                 by_straight += before + weight
         before = weight
-    return straight, diagonal, by_straight, by_diagonal, total
+    cost = terms.length_straight * straight + terms.length_diagonal * diagonal
+    cost += terms.weight_straight * by_straight + terms.weight_diagonal * by_diagonal
+    return cost, straight, diagonal, total
 
 
 @kernel
@@ -102,11 +107,13 @@ def walk(grid, path, first, costs):
     stepped on, or -1.
     """
     grid = Grid(*grid)
+    tiles = Tiles(*grid.tiles)
     terms = StepTerms(*grid.steps)
     weights = grid.weights
     stride = grid.stride
     total = 0.0
     for n in range(first, len(path)):
+        open_at(tiles, path[n, ROW], path[n, COL])
         node = node_on(path, n, stride)
         if weights[node] == inf:
             return n

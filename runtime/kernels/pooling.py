@@ -16,9 +16,12 @@ from nnpp_edge.runtime.kernels.nodes import (
     beside_wall,
     lowest_bit,
     neighbour,
+    rows_around,
 )
 from nnpp_edge.runtime.kernels.records import Area, Level
 
+NO_AREA = Area(1 << 31, 0, 1 << 31, 0)
+"""That holds no cell."""
 FACTOR = 4
 """Cells of a level to the side of a cell of the next coarser one."""
 CELLS_BELOW = FACTOR * FACTOR
@@ -315,22 +318,15 @@ def _link_free_row(pieces, first, stride, n, links):
     """All links of those of `n` coarse cells in and beside which no impassable cell lies; none of
     the others.
     """
-    top = first - stride
-    bottom = first + stride
-    t0 = pieces[top - 1 : top - 1 + n]
-    t1 = pieces[top : top + n]
-    t2 = pieces[top + 1 : top + 1 + n]
-    m0 = pieces[first - 1 : first - 1 + n]
-    m1 = pieces[first : first + n]
-    m2 = pieces[first + 1 : first + 1 + n]
-    b0 = pieces[bottom - 1 : bottom - 1 + n]
-    b1 = pieces[bottom : bottom + n]
-    b2 = pieces[bottom + 1 : bottom + 1 + n]
+    above, beside, below = rows_around(pieces, first, stride, n)
     out = links[first : first + n]
     for c in range(n):
-        every = t0[c] & t1[c] & t2[c]
-        every &= m0[c] & m1[c] & m2[c]
-        every &= b0[c] & b1[c] & b2[c]
+        left = uint64(c)
+        mid = left + _1
+        right = left + _2
+        every = above[left] & above[mid] & above[right]
+        every &= beside[left] & beside[mid] & beside[right]
+        every &= below[left] & below[mid] & below[right]
         out[c] = _EVERY_WAY if every == _WHOLE else uint8(0)
 
 
@@ -393,6 +389,14 @@ def around(area, level):
     col0 = max(area.col0 - 1, 0)
     col1 = min(area.col1 + 1, level.cols)
     return Area(row0, row1, col0, col1)
+
+
+@inlined
+def with_cell(area, row, col):
+    """The rectangle that holds another and a cell."""
+    row0 = min(area.row0, row)
+    row1 = max(area.row1, row + 1)
+    return Area(row0, row1, min(area.col0, col), max(area.col1, col + 1))
 
 
 @inlined

@@ -292,13 +292,26 @@ def _figures(heights, first, pose, tables, halves):
 
 
 @helper
-def _codes(figures, limits):
-    """Codes of a run's poses."""
+def _added(added, first, pose, tables):
+    """Mean of what layers add to T under the wheels' middles."""
+    total = in_all(_ZERO)
+    begin = tables.fit_of[pose]
+    end = tables.fit_of[pose + 1]
+    if len(added):
+        for n in range(begin, end):
+            total += run_at(added, first + tables.fit_offsets[n])
+    return total * (_ONE / float32(end - begin))
+
+
+@helper
+def _codes(figures, added, limits):
+    """Codes of a run's poses; `added` to T."""
     step = figures.step
     rise = figures.rise
     tilt = arc_tangent(figures.slope)
     t = limits[TILT_SHARE] / limits[TILT] * tilt + limits[RISE_SHARE] / limits[BELLY] * rise
     t += limits[STEP_SHARE] / limits[STEP] * step
+    t += added
     codes = rounded_up(t * _MOST) + _ONE
     codes = chosen(codes < _MOST, codes, _MOST)
     codes = chosen(rise <= limits[BELLY], codes, float32(FAILS + BELLY))
@@ -362,7 +375,8 @@ def check_run(poses, row, col, motion):
     wall = side > 0 and _wall_near(heights, first, poses.width, poses.margin)
     for pose in range(begin, end):
         bounds, _, known = _figures(heights, first, pose, tables, scratch)
-        code = _codes(bounds, poses.limits)
+        added = _added(poses.added, first, pose, tables)
+        code = _codes(bounds, added, poses.limits)
         if side > 0:  # without the wheels' plane, what is known below refuses too much
             code = chosen(known, code, _PRICED)
         if wall:

@@ -101,7 +101,11 @@ class TileSource(NamedTuple):
     costed: Int64s
     """(1,) cells of computed tiles."""
     told: Floats
-    """(rows · cols,) costs that were told, or (0,): a cell weighs by the greater of both."""
+    """(rows · cols,) costs that were told: a cell weighs by the greater of both."""
+    tells: Bools
+    """(1,) whether any was."""
+    added: Floats
+    """(rows · cols,) what layers add to the cost by heights, or (0,)."""
     block_side: int
     """Cells, on a map of which blocks are known by their means; else 0."""
     block_cols: int
@@ -628,6 +632,8 @@ class Poses(NamedTuple):
     """
     heights: Floats
     """(H, width) metres, within a margin of unknown cells, as one row."""
+    added: Floats
+    """(H, width) what layers add to T, likewise; (0,) without any."""
     tables: Packed
     """`PoseTables`."""
     limits: Floats
@@ -867,8 +873,9 @@ class StateJudge(NamedTuple):
     """By what the cost that is left from a state is judged."""
 
     frame: Frame
-    goal_row: int
-    goal_col: int
+    row: int
+    col: int
+    """The goal, within the border."""
     legs: Legs
     field: Field
 

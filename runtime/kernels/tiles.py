@@ -13,7 +13,7 @@ from nnpp_edge.runtime.compiled.kernel import helper, inlined, kernel
 from nnpp_edge.runtime.kernels.by_address import borrowed, call_at
 from nnpp_edge.runtime.kernels.encoding import cells_of_part, cells_under
 from nnpp_edge.runtime.kernels.nodes import COL, ROW
-from nnpp_edge.runtime.kernels.pooling import above, around, link, pool
+from nnpp_edge.runtime.kernels.pooling import NO_AREA, above, around, link, pool, with_cell
 from nnpp_edge.runtime.kernels.records import (
     LEVEL_COLS,
     LEVEL_FIRST,
@@ -25,7 +25,7 @@ from nnpp_edge.runtime.kernels.records import (
     Tiles,
     TileSource,
 )
-from nnpp_edge.runtime.kernels.traversability import SCALE, fill_weights
+from nnpp_edge.runtime.kernels.traversability import MOST_COST, SCALE, fill_weights
 
 COSTED = 1
 SURROUNDED = 2
@@ -258,14 +258,19 @@ def _weigh(source, area, out, first, stride):
         )
     if blocks:
         _weigh_unseen(source, area, out, first, stride)
-    if len(source.told) == 0:
+    if len(source.added) == 0 and not source.tells[0]:
         return
     scale = source.rule[SCALE]
+    most = float32(MOST_COST * scale)
     for row in range(area.row0, area.row1):
         for col in range(area.col0, area.col1):
-            cost = source.told[row * source.cols + col]
+            cell = row * source.cols + col
+            at = first + row * stride + col
+            if len(source.added) and out[at] < inf:
+                weight = out[at] + float32(source.added[cell] * scale)
+                out[at] = min(weight, most) if weight < inf else weight
+            cost = source.told[cell]
             if cost > 0.0:
-                at = first + row * stride + col
                 weight = float32(cost * scale) if cost < 1.0 else float32(inf)
                 out[at] = max(out[at], weight)
 
@@ -377,13 +382,9 @@ def _put_new(layer, cols, patch, seen, row, col):
 
     Values that are not finite are all alike, as far as neither is finite.
     """
-    top = patch.shape[0]
-    bottom = 0
-    left = patch.shape[1]
-    end = 0
+    found = NO_AREA
     for i in range(patch.shape[0]):
         at = (row + i) * cols + col
-        new_row = False
         for j in range(patch.shape[1]):
             new = patch[i, j]
             old = layer[at + j]
@@ -391,13 +392,8 @@ def _put_new(layer, cols, patch, seen, row, col):
             if alike or (seen.size and not seen[i, j]):
                 continue
             layer[at + j] = new
-            new_row = True
-            left = min(left, j)
-            end = max(end, j + 1)
-        if new_row:
-            top = min(top, i)
-            bottom = i + 1
-    return Area(row + top, row + bottom, col + left, col + end)
+            found = with_cell(found, row + i, col + j)
+    return found
 
 
 @helper
@@ -405,41 +401,27 @@ def _weigh_anew(source, area, nodes, old_weights, noted):
     """Weights of a rectangle within one computed tile: how many have changed, whether one became
     cheaper, the rectangle that holds these, empty without any, and how many nodes are noted.
     """
-    weights = source.weights
-    stride = source.cols + 2
     wide = area.col1 - area.col0
-    old = np.empty((area.row1 - area.row0) * wide, float32)
-    for row in range(area.row0, area.row1):
-        first = (row + 1) * stride + area.col0 + 1
-        kept = (row - area.row0) * wide
-        old[kept : kept + wide] = weights[first : first + wide]
-    _fill(source, area)
+    weights = np.empty((area.row1 - area.row0) * wide, float32)
+    _weigh(source, area, weights, -area.row0 * wide - area.col0, wide)
     changed = 0
     cheaper = False
-    row0 = area.row1
-    row1 = area.row0
-    col0 = area.col1
-    col1 = area.col0
+    found = NO_AREA
     for row in range(area.row0, area.row1):
-        first = (row + 1) * stride + area.col0 + 1
-        kept = (row - area.row0) * wide
-        before_row = changed
+        first = (row + 1) * (source.cols + 2) + area.col0 + 1
+        line = weights[(row - area.row0) * wide : (row - area.row0 + 1) * wide]
         for n in range(wide):
-            before = old[kept + n]
-            now = weights[first + n]
-            if now != before:
+            before = source.weights[first + n]
+            if line[n] != before:
                 if len(nodes):
                     nodes[noted] = first + n
                     old_weights[noted] = before
                     noted += 1
                 changed += 1
-                cheaper |= now < before
-                col0 = min(col0, area.col0 + n)
-                col1 = max(col1, area.col0 + n + 1)
-        if changed != before_row:
-            row0 = min(row0, row)
-            row1 = row + 1
-    return changed, cheaper, Area(row0, row1, col0, col1), noted
+                cheaper |= line[n] < before
+                found = with_cell(found, row, area.col0 + n)
+                source.weights[first + n] = line[n]
+    return changed, cheaper, found, noted
 
 
 @inlined
@@ -478,7 +460,7 @@ def write_layer(tiles, layer, rim, patch, seen, row, col, nodes, old_weights):
     tiles = borrowed(Tiles(*tiles))
     source = TileSource(*tiles.source)
     whole = Area(0, source.rows, 0, source.cols)
-    changed = Area(source.rows, 0, source.cols, 0)
+    changed = NO_AREA
     cells = 0
     cheaper = False
     noted = 0

@@ -17,6 +17,7 @@ from numpy import float32, float64, inf, nan, uint64
 from nnpp_edge.runtime.compiled.kernel import helper, inlined, kernel
 from nnpp_edge.runtime.kernels.by_address import borrowed
 from nnpp_edge.runtime.kernels.lanes import chosen
+from nnpp_edge.runtime.kernels.nodes import rows_around
 from nnpp_edge.runtime.kernels.records import Area, CostFactors, Heights, Spans, Terms
 
 TERMS = len(Terms._fields)
@@ -41,7 +42,7 @@ _NAN = float32(nan)
 _1 = uint64(1)
 _2 = uint64(2)
 _QUARTER_TURN = float32(0.5 * math.pi)
-_MOST = np.nextafter(_ONE, _ZERO)
+MOST_COST = np.nextafter(_ONE, _ZERO)
 """The greatest cost below 1."""
 _A0 = float32(0.9999961115277097)
 _A1 = float32(-0.33317367990706626)
@@ -277,20 +278,9 @@ def _of_terms(terms, factors):
         total += term
         beyond |= term > factors.hard[n]
         full &= share >= _ONE or n >= PAPER_TERMS
-    t = min(t, _MOST)
+    t = min(t, MOST_COST)
     weight = _INF if beyond | full else t * factors.scale
     return weight if total - total == _ZERO else _NAN
-
-
-@inlined
-def _rows_around(heights, first, cols, n):
-    """Heights of the rows above, at and below `n` cells of a row, from index `first` on, and of a
-    cell more at each end: a slice for each, as indices that begin at 0 need no look for negative
-    ones.
-    """
-    above = heights[first - cols - 1 : first - cols + n + 1]
-    below = heights[first + cols - 1 : first + cols + n + 1]
-    return above, heights[first - 1 : first + n + 1], below
 
 
 @helper
@@ -300,7 +290,7 @@ def _fill_row(heights, first, cols, n, factors, out):
 
     Returns whether there is a hole. Cells at the border are to be weighed anew.
     """
-    above, beside, below = _rows_around(heights, first, cols, n)
+    above, beside, below = rows_around(heights, first, cols, n)
     for c in range(n):
         left = uint64(c)
         mid = left + _1
@@ -375,7 +365,7 @@ def _shut_steep_steps(heights, first, cols, n, rule, weights):
 
     Neither the row nor any of the cells lies at the map's border.
     """
-    above, beside, below = _rows_around(heights, first, cols, n)
+    above, beside, below = rows_around(heights, first, cols, n)
     along = float32(rule[HARD_GRADIENT] * rule[DX])
     across = float32(rule[HARD_GRADIENT] * rule[DY])
     diagonal = float32(rule[HARD_GRADIENT] * math.hypot(rule[DY], rule[DX]))

@@ -2,8 +2,9 @@
 
 from numpy import float32, float64, inf, int32
 
-from nnpp_edge.runtime.compiled.kernel import inlined, kernel
-from nnpp_edge.runtime.kernels.records import Area, Bounds, CostLimits
+from nnpp_edge.runtime.compiled.kernel import kernel
+from nnpp_edge.runtime.kernels.pooling import NO_AREA, with_cell
+from nnpp_edge.runtime.kernels.records import Bounds, CostLimits
 
 _INF = float32(inf)
 _NOTHING_LOW = int32(_INF.view(int32))
@@ -41,12 +42,6 @@ def fill_costs(cost, limits, row0, row1, weights, stride):
     return lowest, highest, below
 
 
-@inlined
-def _weight_of(t, limits):
-    """Weight of a cost."""
-    return float32(t * limits.scale) if t < limits.ceiling else _INF  # of NaN, too
-
-
 @kernel
 def write_costs(cost, seen, limits, first, stride, weights, bounds, nodes, old_weights):
     """Put the weights of a rectangle of costs into the map, from node `first` on, unless one is out
@@ -77,47 +72,39 @@ def write_costs(cost, seen, limits, first, stride, weights, bounds, nodes, old_w
     limits = CostLimits(*limits)
     bounds = Bounds(*bounds)
     rows, cols = cost.shape
+    everywhere = seen.size == 0
+    lowest = _INF
+    highest = -_INF
+    for row in range(rows):
+        for col in range(cols):
+            t = cost[row, col]
+            if t < limits.ceiling and (everywhere or seen[row, col]):
+                lowest = min(lowest, t)
+                highest = max(highest, t)
+    refused = lowest if lowest < limits.floor else (highest if highest > limits.most else _INF)
     changed = 0
     cheaper = False
     at_bound = False
-    lowest = _INF
-    highest = -_INF
-    area = Area(rows, 0, cols, 0)
-    everywhere = seen.size == 0
-    for row in range(rows):
+    area = NO_AREA
+    for row in range(rows if refused == _INF else 0):
         for col in range(cols):
             if not everywhere and not seen[row, col]:
                 continue
             t = cost[row, col]
-            weight = _weight_of(t, limits)
-            if t < limits.ceiling:
-                lowest = min(lowest, t)
-                highest = max(highest, t)
-            before = weights[first + row * stride + col]
+            weight = float32(t * limits.scale) if t < limits.ceiling else _INF  # of NaN, too
+            node = first + row * stride + col
+            before = weights[node]
             if weight != before:
+                if len(nodes):
+                    nodes[changed] = node
+                    old_weights[changed] = before
+                weights[node] = weight
                 changed += 1
                 cheaper = cheaper or weight < before
                 at_bound = at_bound or before == bounds.least or before == bounds.greatest
-                row0 = min(area.row0, row)
-                col0 = min(area.col0, col)
-                area = Area(row0, row + 1, col0, max(area.col1, col + 1))
+                area = with_cell(area, row, col)
     if lowest < inf:
         least = min(bounds.least, float64(lowest * limits.scale))
         bounds = Bounds(least, max(bounds.greatest, float64(highest * limits.scale)))
-    refused = lowest if lowest < limits.floor else (highest if highest > limits.most else _INF)
-    if changed == 0 or refused < inf:
-        return refused, 0, False, (0, 0, 0, 0), (bounds.least, bounds.greatest), False
-    noted = 0
-    for row in range(area.row0, area.row1):
-        for col in range(area.col0, area.col1):
-            if not everywhere and not seen[row, col]:
-                continue
-            node = first + row * stride + col
-            weight = _weight_of(cost[row, col], limits)
-            if len(nodes) and weight != weights[node]:
-                nodes[noted] = node
-                old_weights[noted] = weights[node]
-                noted += 1
-            weights[node] = weight
-    part = (area.row0, area.row1, area.col0, area.col1)
+    part = (area.row0, area.row1, area.col0, area.col1) if changed else (0, 0, 0, 0)
     return refused, changed, cheaper, part, (bounds.least, bounds.greatest), at_bound

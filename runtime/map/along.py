@@ -11,12 +11,13 @@ from typing import NamedTuple
 import numpy as np
 
 from nnpp_edge.runtime.arrays import Float32s, Floats, Int32
+from nnpp_edge.runtime.cells import Sides
 from nnpp_edge.runtime.robots.slope.cost import Mobility, SlopeCost
 
 Line = Int32 | Floats
 """(N, 2) row and column: cells of a path, or way points between them."""
 Heights = Float32s | Floats
-_ON_FOOT = Mobility()
+ON_FOOT = Mobility()
 
 
 class Numbers(NamedTuple):
@@ -56,8 +57,8 @@ class Along:
 
     places: Line
     sampled_m: Heights
-    sides_m: tuple[float, float]
-    mobility: Mobility = _ON_FOOT
+    sides_m: Sides
+    mobility: Mobility = ON_FOOT
     walker: SlopeCost | None = None
 
     @classmethod
@@ -65,8 +66,8 @@ class Along:
         cls,
         line: Line,
         heights: Heights,
-        sides_m: tuple[float, float],
-        mobility: Mobility = _ON_FOOT,
+        sides_m: Sides,
+        mobility: Mobility = ON_FOOT,
         like: "Along | None" = None,
     ) -> "Along":
         """A line over heights (H, W), metres, NaN where unknown; places and walker as of the line

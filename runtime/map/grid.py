@@ -310,7 +310,7 @@ class Grid:
 
     def is_passable(self, cell: Cell) -> bool:
         """Whether a cell of the map can be stood on."""
-        return self.robot.stance.stands_at(self, cell)
+        return self.robot.stance.stands_at(self, cell)[0]
 
 
 def bordered(rows: int, cols: int, *, small: bool = False, filed: bool = False) -> Float32s:

@@ -3,16 +3,18 @@ what steps cost.
 """
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D, as_map, in_blocks, numbers
+from nnpp_edge.runtime.cells import Sides
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
-from nnpp_edge.runtime.options import STEP_COSTS, TERMS
+from nnpp_edge.runtime.options import LAYER_TERMS, STEP_COSTS, TERMS, GroundOptions
 from nnpp_edge.runtime.terrain.step_cost import StepCost, StepModel
 
 if TYPE_CHECKING:
@@ -66,6 +68,8 @@ class Ground:
     map; ``slope``, the coarse map's, calibrated on maps that are known finely."""
     prior_model: str | Path = "unseen"
     """That network: a shipped model's name, or a file."""
+    layers: Mapping[str, Float2D] = field(default_factory=dict)
+    """(H, W) float, numbers beside heights for the terms of `options.LAYER_TERMS`, by name."""
 
     def __post_init__(self) -> None:
         """Check what goes together; what only the map's values tell is checked by `state`."""
@@ -75,6 +79,9 @@ class Ground:
         if self.elevation is not None:
             if self.cell_size_m is None:
                 raise InvalidMapError("wanted cell_size_m, the side of a cell, with elevations")
+            for term in LAYER_TERMS:
+                if term.words not in self.layers and getattr(self.limits, term.weight) > 0.0:
+                    raise InvalidMapError(f"{term.weight} counts a layer: wanted {term.words} too")
             slope_cost = self.slope_cost  # refused now
             if self.vehicle is not None:
                 from nnpp_edge.runtime.robots.slope.cost import Mobility
@@ -88,10 +95,11 @@ class Ground:
                 raise InvalidMapError(
                     f"arcs have the paper's cost: wanted step_cost='paper', got {self.step_cost!r}"
                 )
-            if self.factor > 1 and (slope_cost is not None or self.radius_m is not None):
+            on_cells = self.vehicle is not None and body is None
+            if self.factor > 1 and (slope_cost is not None or on_cells or self.layers):
                 raise InvalidMapError(
-                    "a coarse map is for points and bodies: wanted step_cost='paper' and no "
-                    "radius_m"
+                    "a coarse map is for points and bodies: wanted step_cost='paper', no radius_m "
+                    "and no layers"
                 )
             return
         if self.factor > 1:
@@ -103,9 +111,11 @@ class Ground:
         StepModel.of(self.step_cost)
         if self.vehicle is None:
             return
-        if self.body is not None:
+        kind = self.vehicle.kind
+        if kind.by_heights:
             raise InvalidMapError(
-                "a body needs elevations: wanted Planner.of_elevation, or a vehicle with radius_m"
+                f"a {kind.name} needs elevations: wanted Planner.of_elevation, or a vehicle with "
+                "radius_m"
             )
         if self.cell_size_m is None:
             raise InvalidMapError("wanted cell_size_m, the side of a cell, with a vehicle")
@@ -116,15 +126,10 @@ class Ground:
         elevation: Float2D,
         cell_size_m: float,
         traversability: "Traversability | None" = None,
-        *,
-        cell_width_m: float | None = None,
-        vehicle: "Vehicle | None" = None,
-        step_cost: str = StepCost.PAPER,
-        mobility: "Mobility | None" = None,
+        **more: Unpack[GroundOptions],
     ) -> "Ground":
         """Of heights; arguments as the attributes."""
-        place = (None, elevation, cell_size_m, cell_width_m)
-        return cls(*place, traversability, vehicle, step_cost, mobility)
+        return cls(None, elevation, cell_size_m, traversability=traversability, **more)
 
     @classmethod
     def of_coarse(
@@ -134,25 +139,23 @@ class Ground:
         factor: int,
         traversability: "Traversability | None" = None,
         *,
-        prior: str = "network",
         model: str | Path = "unseen",
-        cell_width_m: float | None = None,
-        vehicle: "Vehicle | None" = None,
-        step_cost: str = StepCost.PAPER,
-        mobility: "Mobility | None" = None,
+        **more: Unpack[GroundOptions],
     ) -> "Ground":
         """Of a coarse map: `dem` (H, W) has the means of `factor` × `factor` cells, blocks of
         `cell_size_m` by `cell_width_m`; else as the attributes.
         """
         if factor < 1:
             raise InvalidQueryError(f"factor must be at least 1, got {factor}")
-        width = None if cell_width_m is None else cell_width_m / factor
-        place = (None, dem, cell_size_m / factor, width)
-        robot = (traversability, vehicle, step_cost, mobility)
-        return cls(*place, *robot, factor, prior, model)
+        if (width := more.get("cell_width_m")) is not None:
+            more["cell_width_m"] = width / factor
+        known = (dem, cell_size_m / factor)
+        return cls(
+            None, *known, traversability=traversability, factor=factor, prior_model=model, **more
+        )
 
     @property
-    def sides_m(self) -> tuple[float, float]:
+    def sides_m(self) -> Sides:
         """Height and width of a cell, metres; 1 where none is known. InvalidMapError if one is no
         positive number.
         """
@@ -195,7 +198,8 @@ class Ground:
     @property
     def by_costs(self) -> bool:
         """Whether cells' costs say all that paths go by, and heights nothing more."""
-        return self.body is None and self.slope_cost is None
+        stands_by_them = self.vehicle is not None and self.vehicle.kind.by_heights
+        return not stands_by_them and self.slope_cost is None
 
     def by_blocks(self, factor: int, prior: str = "network") -> "Ground":
         """Itself as it is known by the means of blocks of `factor` × `factor` of its heights."""

@@ -4,8 +4,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from nnpp_edge.runtime.arrays import Bool, Float2D, Floats
+from nnpp_edge.runtime.arrays import Bool, Float2D, Floats, as_map
 from nnpp_edge.runtime.cells import Rectangle, slices
+from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.along import Line, heights_at
 from nnpp_edge.runtime.map.grid import ALL_SEEN, Grid, bordered
@@ -37,7 +38,7 @@ class Heights(Lowest):
     ) -> None:
         self._model = model
         self._cutting = corner_cutting
-        self._limits = ground.limits
+        self.limits = ground.limits
         self._sides = ground.sides_m
         self.unseen = unseen
         dem = np.asarray(ground.elevation)
@@ -49,8 +50,15 @@ class Heights(Lowest):
             heights = heights.copy()
         self.array = heights
         """(H, W) float32, relative to `base`; not finite where unknown. To be read only."""
-        self.told: Float2D | None = None
-        """(H, W) of `Told`, which the tiles weigh with these; None while nothing was."""
+        self.told: Float2D = virtual_zeros(heights.size, np.float32).reshape(heights.shape)
+        """(H, W) of `Told`, which the tiles weigh with these; 0 where nothing was."""
+        self.tells = np.zeros(1, np.bool_)
+        """(1,) whether anything was."""
+        self.given = {name: np.array(as_map(each, name)) for name, each in ground.layers.items()}
+        """(H, W) of each `Given`."""
+        for name, each in self.given.items():
+            if each.shape != ground.shape:
+                raise InvalidMapError(f"{name} must have {ground.shape} cells, got {each.shape}")
 
     @property
     def heights(self) -> "Heights":  # type: ignore[override]
@@ -64,11 +72,12 @@ class Heights(Lowest):
         rows, cols = self.array.shape
         blocks = None if self.unseen is None else self.unseen.layers
         weights = bordered(rows, cols, small=blocks is not None, filed=is_filed(self.array))
-        rule = self._limits.rule(*self._sides, scale=self._model.scale)
+        rule = self.limits.rule(*self._sides, scale=self._model.scale)
         coarsest = FACTOR ** len(coarse_shapes(rows, cols))
         self.grid = Grid(rows, cols, self._model, self._cutting, weights)
         place = (self.array, rule, weights, self._cutting, coarsest)
-        self.tiles = Tiles(*place, self.told, blocks)
+        added = self.added((0, 0, rows, cols))
+        self.tiles = Tiles(*place, self.told, self.tells, added, blocks)
         self.grid.compute_by(self.tiles)
         if blocks is not None:  # whose prices may be greater than any cost
             self.grid.set_bounds(self.grid.least, MOST_PRICE * self._model.scale)
@@ -83,7 +92,9 @@ class Heights(Lowest):
     def cost(self) -> Float2D:
         dy, dx = self._sides
         known = self.known((0, 0, *self.array.shape)).copy()
-        cost = traversability_cost(known, dy, self._limits, cell_width_m=dx, warn=False)
+        cost = traversability_cost(
+            known, dy, self.limits, cell_width_m=dx, warn=False, layers=self.given
+        )
         if self.unseen is None:
             return cost
         return np.where(self.unknown(slice(None), slice(None)), self.unseen.at(), cost)
@@ -99,12 +110,34 @@ class Heights(Lowest):
             return here
         return np.where(self.unknown(*slices(part)), np.float32(np.nan), here)
 
+    def added(self, part: Rectangle) -> Float2D:
+        """(h, w) what the layers given add to the costs of a part; (0, 0) without any."""
+        return self.limits.added(self.given, part)
+
+    def shut(self, part: Rectangle) -> Bool | None:
+        """(h, w) cells of a part that were told to be shut; None where nothing was told."""
+        return self.told[slices(part)] >= 1.0 if self.tells else None
+
     def metres_at(self, places: Line) -> Floats:
         """(N,) metres at places (N, 2)."""
         found = heights_at(self.array, places)
         if self.unseen is not None:
             found = self.unseen.heights_at(places, found)
         return found + self.base
+
+
+class Given(Layer):
+    """Numbers that were given for a term of Eq. 1 (`options.LAYER_TERMS`)."""
+
+    def __init__(self, heights: Heights, name: str) -> None:
+        self.name = name  # type: ignore[misc]  # one class for all
+        self._heights = heights
+
+    def put(self, part: Rectangle, patch: Float2D, seen: Bool | None, *, keeps: bool) -> Put:
+        everywhere = True if seen is None else seen
+        np.copyto(self._heights.given[self.name][slices(part)], patch, where=everywhere)
+        added = self._heights.added(part)
+        return self._heights.tiles.write(part, added, ALL_SEEN, into="added", keeps=keeps)
 
 
 class Told(Layer):
@@ -123,12 +156,10 @@ class Told(Layer):
         grid = self._heights.grid
         if grid.model.refuses(patch):
             grid.model.refuse(float(np.nanmin(patch)))
-        if self._heights.told is None:
-            self._heights.told = self._heights.tiles.tell_from_now_on()
-            grid.pack()
+        self._heights.tells[0] = True
         known = ~np.isnan(patch)
         if seen is not None:
             known &= seen
         below = np.float32(0.0) if self._shut_alone else patch
         told = np.where(patch < 1.0, below, np.float32(np.inf))
-        return self._heights.tiles.write(part, told, known, told=True, keeps=keeps)
+        return self._heights.tiles.write(part, told, known, into="told", keeps=keeps)

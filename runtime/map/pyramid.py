@@ -21,7 +21,7 @@ import numpy as np
 
 from nnpp_edge.runtime.arrays import Int32, UInt8, UInt16
 from nnpp_edge.runtime.bands import stripes
-from nnpp_edge.runtime.cells import Rectangle
+from nnpp_edge.runtime.cells import Rectangle, above, widened
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.kernels import records
 from nnpp_edge.runtime.kernels.pooling import FACTOR, NO_LINKS, NO_PIECES, pool_and_link
@@ -120,36 +120,28 @@ class Pyramid:
                 level.version += 1
             yield from finest.robot.price.pool(self.levels[1:], changed)
             return
-        row0, col0, rows, cols = changed
-        row1 = row0 + rows
-        col1 = col0 + cols
+        part = changed
         obstacle = self.obstacle_weight
         greatest = max(finest.greatest, obstacle)
         for fine, coarse in itertools.pairwise(self.levels):
-            row0 = row0 // FACTOR
-            row1 = -(-row1 // FACTOR)
-            col0 = col0 // FACTOR
-            col1 = -(-col1 // FACTOR)
+            row, col, rows, cols = above(part, FACTOR)
             grid = coarse.grid
             least = math.inf
             finer = fine.packed
             packed = coarse.packed
-            for first, last in stripes(row1 - row0, FACTOR**2 * (col1 - col0)):
-                area = row0 + first, row0 + last, col0, col1  # `records.Area`
+            for first, last in stripes(rows, FACTOR**2 * cols):
+                area = row + first, row + last, col, col + cols  # `records.Area`
                 least = min(
                     least, pool_and_link(finer, finest.corner_cutting, obstacle, area, packed)
                 )
                 yield
             # means lie above the least of what they average, which makes a coarse search's
             # heuristic the better
-            whole = (row1 - row0, col1 - col0) == grid.shape
+            whole = (rows, cols) == grid.shape
             grid.set_bounds(least if whole else min(least, grid.least), greatest)
             coarse.version += 1
             # what is connected under the level above changes with the links on the rim
-            row0 = max(row0 - 1, 0)
-            row1 = min(row1 + 1, grid.rows)
-            col0 = max(col0 - 1, 0)
-            col1 = min(col1 + 1, grid.cols)
+            part = widened((row, col, rows, cols), (1, 1), grid.shape)
         yield from finest.robot.price.pool(self.levels[1:], changed)
 
     @property

@@ -4,13 +4,14 @@ changes.
 
 import math
 from collections.abc import Sequence
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Bool, Cells, Float2D
-from nnpp_edge.runtime.cells import Rectangle, holding, patch_at, slices, widened
+from nnpp_edge.runtime.cells import Rectangle, enclosing, holding, patch_at, slices, widened
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, users_line
 from nnpp_edge.runtime.kernels.records import Packed
@@ -23,13 +24,14 @@ from nnpp_edge.runtime.memory import (
     check_planner_fits,
     is_filed,
 )
+from nnpp_edge.runtime.robots.robot import Robot
 from nnpp_edge.runtime.terrain.step_cost import PAPER_OMEGA, StepCost, StepModel
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.map.along import Along, Line
     from nnpp_edge.runtime.map.pyramid import Pyramid
 
-_MADE = ("grid", "_point", "log", "_pyramid", "_unpooled")
+_MADE = ("grid", "point", "log", "_pyramid", "_unpooled")
 """Made from the layers: a copy makes its own."""
 _TOGETHER = 64
 """Cells of a path around which is looked at once, at most, for what is unknown."""
@@ -59,11 +61,6 @@ class MapState:
         self._limits = ground.limits
         self._mobility = ground.mobility
         self._slope_cost = ground.slope_cost
-        self._widening = None
-        if (radius_m := ground.radius_m) is not None:
-            from nnpp_edge.runtime.robots.disc import Widening
-
-            self._widening = Widening(radius_m, ground.sides_m)
         self.begin_anew()
 
     def begin_anew(self) -> None:
@@ -72,38 +69,44 @@ class MapState:
 
     def _stack(self, grid: Grid) -> None:
         """The robot on the grid that the layers make, and a log that begins."""
-        self.grid = self._point = grid
-        """The robot's, and a point's, which are one but for a disc."""
-        if self._widening is not None:
-            grid.complete()
-            self.grid = Grid(*grid.shape, grid.model, grid.corner_cutting)
-            self.grid.update(self._widening.weights(grid, (0, 0, *grid.shape)), weights=True)
-        self._put_robot()
+        self.grid = self.point = grid
+        """The robot's, and a point's: one, unless the robot's stance or price weighs cells anew."""
+        robot = Robot()
+        if self.vehicle is not None:
+            robot = resolve_name(self.vehicle.kind.robot)(self)
+        self._put(robot, grid.model)
+        if self._slope_cost is not None:
+            from nnpp_edge.runtime.robots.slope.directed import price_of
+
+            price = price_of(self, self._slope_cost)
+            robot = robot._replace(price=price)
+            if price.edges() is None:
+                self._put(robot, StepModel.of(StepCost.LENGTH))
+            self.grid.drive_by(robot)
         if not self._lazy:
             self.grid.complete()
         self.log = ChangeLog()
         self._pyramid: Pyramid | None = None
         self._unpooled: ChangeReader = self.log.reader()
 
-    def _put_robot(self) -> None:
-        """Put the robot on the map; each kind's room is loaded where there is one."""
-        heights = self.heights
-        if heights is None:
-            return
-        if self.vehicle is not None and self._widening is None:
-            from nnpp_edge.runtime.robots.body.poses import Poses
-            from nnpp_edge.runtime.robots.body.robot import body_robot
+    def _put(self, robot: Robot, model: StepModel) -> None:
+        """Put a robot on the map, with weights of its own if its stance or its price has any."""
+        own = self._own_weights(robot, (0, 0, *self.shape))
+        if own is not None:
+            self.grid = Grid(*self.shape, model, self.point.corner_cutting)
+            self.grid.update(own, weights=True)
+        self.grid.drive_by(robot)
 
-            known = heights.known((0, 0, *self.shape))
-            shut = None if heights.told is None else heights.told >= 1.0
-            blocks = None if heights.unseen is None else heights.unseen.layers
-            place = (self.sides_m, self.vehicle, self._limits.body_weights, self.grid.model.scale)
-            self.grid.drive_by(body_robot(Poses(known, *place, shut, blocks)))  # type: ignore[arg-type]
-        if self._slope_cost is not None:
-            from nnpp_edge.runtime.robots.slope.directed import by_slope
-
-            place = (heights.array, self.sides_m, self._slope_cost)  # type: ignore[assignment]
-            self.grid.drive_by(by_slope(self.grid, *place))  # type: ignore[arg-type,call-arg]
+    def _own_weights(self, robot: Robot, part: Rectangle) -> Float2D | None:
+        """(h, w) weights of a part by a robot's stance and price; None where a point's serve."""
+        shut = robot.stance.shut(self.point, part)
+        priced = robot.price.weights(part)
+        if shut is None and priced is None:
+            return None
+        weights = self.point.map()[slices(part)]
+        if priced is not None:
+            weights = np.where(weights < np.inf, priced, weights)
+        return weights if shut is None else np.where(shut, np.float32(np.inf), weights)
 
     def __getstate__(self) -> dict[str, object]:
         """The layers: a copy starts a log of its own."""
@@ -119,14 +122,9 @@ class MapState:
         return "heights" in self.layers
 
     @property
-    def told(self) -> Float2D | None:
-        """(H, W) costs that were told, on a map of heights; None while none were. Read only."""
-        return None if self.heights is None else self.heights.told
-
-    @property
     def room(self) -> Packed | None:
         """Obstacles that a disc's lines must keep away from, see `records.Room`."""
-        return None if self._widening is None else self._widening.room(self._point)
+        return self.grid.robot.stance.room(self.point)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -173,26 +171,26 @@ class MapState:
 
         Metres, NaN where unknown; heights that the map has already change nothing.
         """
-        if not self.has_heights:
-            raise InvalidMapError("wanted costs, as the map was made from such: update takes them")
         return self.put("heights", row, col, patch, seen)
 
     def put(
         self, name: str, row: int, col: int, patch: Float2D, seen: Bool | None = None
     ) -> Change:
         """Put new numbers (h, w) into the layer of that name, as `update` does."""
+        if name not in self.layers:
+            raise InvalidMapError(f"wanted a layer of {', '.join(self.layers)}, got {name!r}")
         layer = self.layers[name]
         numbers = layer.read(patch)
         part = patch_at((row, col), numbers.shape, self.shape)
         keeps = self.log.keeps_old_weights
-        before = self._point.packed
-        change, new = layer.put(part, numbers, seen, keeps=keeps and self._widening is None)
-        if self._point.packed is not before:  # the layer's array has become another
-            for level in self._pyramid.levels[1:] if self._pyramid else ():
-                level.grid.pack()
-        if self._widening is not None and change.cells:
-            around = widened(change.part, self._widening.reach, self.shape)
-            weights = self._widening.weights(self._point, around)
+        one = self.grid is self.point
+        change, new = layer.put(part, numbers, seen, keeps=keeps and one)
+        if not one and (new[2] or change.cells):
+            down, right = self.grid.robot.stance.reach
+            touched = enclosing([each for each in (new, change.part) if each[2]])
+            around = widened(touched, (down + 1, right + 1), self.shape)
+            weights = self._own_weights(self.grid.robot, around)
+            assert weights is not None
             change = self.grid.update(weights, around[:2], keep_old_weights=keeps, weights=True)
         if self.unseen is not None:
             self.unseen.note(new)
@@ -209,7 +207,8 @@ class MapState:
         another changes the map or plans on it: then it is some of the old map and some of the new.
         """
         cost = self._lowest.cost()
-        return cost if self.told is None else np.maximum(cost, self.told)
+        heights = self.heights
+        return np.maximum(cost, heights.told) if heights is not None and heights.tells else cost
 
     def elevation(self) -> Float2D | None:
         """(H, W) metres, NaN where unknown, a copy; None for a map of costs. Any thread may ask, as
@@ -226,11 +225,6 @@ class MapState:
         was to keep them.
         """
         return self._lowest.unknown(rows, cols)
-
-    def known_heights(self, part: Rectangle) -> Float2D:
-        """Heights of a part of a map of heights, NaN where they mean nothing."""
-        assert self.heights is not None
-        return self.heights.known(part)
 
     def known_along(self, path: Cells) -> int:
         """Number of the cells of a path (N, 2), from its first on, that are known, with all under a
@@ -260,14 +254,13 @@ class MapState:
         """
         if self.heights is None or self.sides_m is None:
             return None
-        from nnpp_edge.runtime.map.along import Along, crossings
-        from nnpp_edge.runtime.robots.slope.cost import Mobility
+        from nnpp_edge.runtime.map.along import ON_FOOT, Along, crossings
 
         places = crossings(line) if at is None else at
         slope_cost = self._slope_cost
         walker = slope_cost if slope_cost is not None and slope_cost.function else None
         metres = self.heights.metres_at(places)
-        return Along(places, metres, self.sides_m, self._mobility or Mobility(), walker)
+        return Along(places, metres, self.sides_m, self._mobility or ON_FOOT, walker)
 
     @property
     def reach_cells(self) -> int:
@@ -308,7 +301,8 @@ def map_state(
     vehicle = ground.vehicle
     body_bytes = 0 if heights is None or vehicle is None else vehicle.bytes_per_cell
     if ground.factor == 1 or body_bytes:  # else memory goes by what is seen
-        more = DIRECTED_BYTES_PER_CELL * (ground.slope_cost is not None) + body_bytes
+        directed = ground.slope_cost is not None and not ground.slope_cost.symmetric
+        more = DIRECTED_BYTES_PER_CELL * directed + body_bytes
         check_planner_fits(ground.shape, more, filed=is_filed(heights))
     if warn and heights is not None and ground.factor == 1:
         from nnpp_edge.runtime.terrain.traversability import relative_heights, warn_of_saturation
@@ -320,13 +314,15 @@ def map_state(
         model = StepModel.of(ground.step_cost, omega)
         costs = Costs(ground.costs(), model, corner_cutting, tell_unknown or vehicle is not None)
         return MapState(ground, [costs])
-    from nnpp_edge.runtime.map.heights import Heights, Told
+    from nnpp_edge.runtime.map.heights import Given, Heights, Told
 
     unseen = None
     if ground.factor > 1:
         from nnpp_edge.runtime.map.unseen import Unseen
 
         unseen = Unseen(ground)
-    ground_layer = Heights(ground, StepModel.of(StepCost.PAPER, omega), corner_cutting, unseen)
-    told = Told(ground_layer, shut_alone=not ground.by_costs)
-    return MapState(ground, [ground_layer, told], lazy=lazy or unseen is not None)
+    lowest = Heights(ground, StepModel.of(StepCost.PAPER, omega), corner_cutting, unseen)
+    by_cells = ground.body is None and ground.slope_cost is None
+    layers = [lowest, Told(lowest, shut_alone=not by_cells)]
+    layers += [Given(lowest, name) for name in ground.layers]
+    return MapState(ground, layers, lazy=lazy or unseen is not None)

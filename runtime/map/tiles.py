@@ -46,7 +46,6 @@ from nnpp_edge.runtime.kernels.tiles import (
 )
 from nnpp_edge.runtime.kernels.traversability import RULE_SLOTS
 from nnpp_edge.runtime.map.changes import Change
-from nnpp_edge.runtime.memory import virtual_zeros
 from nnpp_edge.runtime.tuning import TILE_COLS, TILE_ROWS
 
 _EVERYWHERE = 62
@@ -67,6 +66,8 @@ _NO_SOURCE = TileSource(
     links=np.empty(0, np.uint8),
     costed=np.zeros(1, np.int64),
     told=_NONE,
+    tells=np.zeros(1, np.bool_),
+    added=_NONE,
     block_side=0,
     block_cols=0,
     block_prices=_NONE,
@@ -102,9 +103,10 @@ class Tiles:
     `heights` (H, W) float32 in metres, not finite where unknown, are kept, and changed by `write`
     alone; `rule` as for `fill_weights`; `weights` and `corner_cutting` are those of the map's grid.
     Tiles consist of whole cells of the coarsest level, which are `coarsest` cells to the side.
-    `told` as from `tell_from_now_on`, if anything was told before. `unseen` (2, I, J) float32 are
-    the prices of blocks, and what is known of their heights, see `kernels.tiles.UNTOUCHED`, on a
-    map of which blocks are known.
+    `told` (H, W) float32 are costs that were told, 0 where none was, inf where shut, and `tells`
+    (1,) whether any was; `added` (H, W) what layers add to costs, if anything. `unseen` (2, I, J)
+    float32 are the prices of blocks, and what is known of their heights, see
+    `kernels.tiles.UNTOUCHED`, on a map of which blocks are known.
     """
 
     def __init__(
@@ -114,7 +116,9 @@ class Tiles:
         weights: Float32s,
         corner_cutting: bool,
         coarsest: int,
-        told: Float2D | None = None,
+        told: Float2D,
+        tells: Bool,
+        added: Float2D,
         unseen: Float32s | None = None,
     ) -> None:
         self.heights = heights
@@ -133,7 +137,9 @@ class Tiles:
             col_shift=wide.bit_length() - 1,
             corner_cutting=corner_cutting,
             costed=np.zeros(1, np.int64),
-            told=_NONE if told is None else told.reshape(-1),
+            told=told.reshape(-1),
+            tells=tells,
+            added=added.reshape(-1),
         )
         """What the kernels compute by."""
         if unseen is not None:
@@ -153,7 +159,7 @@ class Tiles:
 
     @property
     def told(self) -> Float32s:
-        """(H · W,) float32, costs that were told; empty where none ever was."""
+        """(H · W,) float32, costs that were told."""
         return self._source.told
 
     def packed(self, number: int = 0) -> Packed:
@@ -214,33 +220,25 @@ class Tiles:
         self.state |= SURROUNDED
         self._source.costed[0] = rows * cols
 
-    def tell_from_now_on(self) -> Float2D:
-        """(H, W) float32, costs that were told, 0 where none was, inf where shut; to be called
-        before any is written.
-        """
-        told = virtual_zeros(self.heights.size, np.float32)
-        self._source = self._source._replace(told=told)
-        return told.reshape(self.shape)
-
     def write(
         self,
         part: Rectangle,
         patch: Float2D,
         seen: Bool,
         *,
-        told: bool = False,
+        into: str = "heights",
         keeps: bool = False,
     ) -> tuple[Change, Rectangle]:
-        """Put heights into the map, or costs that are `told`, and bring up to date what has been
-        computed.
+        """Put heights into the map, or costs into what is ``told`` or ``added``, and bring up to
+        date what has been computed.
 
         `patch` (h, w) float32 lies in a part of the map; `seen` (h, w) are its cells that are
         written, (0, 0) for all. Returns the change, which counts what has not been computed yet as
         changed, and the rectangle of new values, of no rows without any. With `keeps` old weights
         are kept, and computed first where there are none.
         """
-        source = self._source
-        layer, rim = (source.told, 0) if told else (source.heights, 1)
+        layer = getattr(self._source, into)
+        rim = int(into == "heights")
         row, col, rows, cols = part
         room = (rows + 2 * rim) * (cols + 2 * rim) if keeps else 0
         nodes = np.empty(room, np.int32)

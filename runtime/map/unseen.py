@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Bool, Float2D, Floats
-from nnpp_edge.runtime.cells import Rectangle, holding, slices
+from nnpp_edge.runtime.cells import Rectangle, above, holding, slices
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.kernels.tiles import BLOCK_SEEN, BLOCK_UNTOUCHED
 from nnpp_edge.runtime.map.along import Line, heights_at
@@ -50,7 +50,7 @@ class Unseen:
         row, col, rows, cols = part
         around = max(row - 1, 0), max(col - 1, 0), rows + 2, cols + 2
         if rows:
-            self._new[self._blocks_of(around)] = True
+            self._new[slices(above(around, self.factor))] = True
 
     def read(self, grid: Grid, deadline: Deadline = NEVER) -> Iterator[Rectangle]:
         """Sum up what has been seen and told since this was last asked; gives the parts of the
@@ -77,8 +77,7 @@ class Unseen:
         node = cells @ (grid.cols, 1)
         known = np.isfinite(grid.tiles.heights.reshape(-1)[node])
         known &= (self.layers[1][at] == BLOCK_SEEN)[:, None]
-        if len(grid.tiles.told):
-            known |= grid.tiles.told[node] > 0.0
+        known |= grid.tiles.told[node] > 0.0
         costs = grid.weights[(cells + 1) @ (grid.stride, 1)] / np.float32(grid.model.scale or 1.0)
         shut = known & ~(costs < np.inf)
         costs = np.where(shut, np.float32(1.0), np.where(known, costs, np.float32(0.0)))
@@ -109,7 +108,8 @@ class Unseen:
 
     def means(self, part: Rectangle) -> bool:
         """Whether all heights of a part of the map mean something."""
-        return bool((self.layers[1][self._blocks_of(part)] != BLOCK_UNTOUCHED).all())
+        blocks = slices(above(part, self.factor))
+        return bool((self.layers[1][blocks] != BLOCK_UNTOUCHED).all())
 
     def heights_at(self, places: Line, known: Floats) -> Floats:
         """(N,) heights at places (N, 2) of the map: `known` where the cell was seen, else by the
@@ -123,13 +123,6 @@ class Unseen:
         """(rows, cols) the price of each cell of the map."""
         prices: Float2D = self.layers[0][self._blocks(slice(None), slice(None))]
         return prices
-
-    def _blocks_of(self, part: Rectangle) -> tuple[slice, slice]:
-        """Those in which the cells of a part of the map lie, to index with."""
-        row, col, rows, cols = part
-        last_row = (row + rows - 1) // self.factor
-        last_col = (col + cols - 1) // self.factor
-        return slice(row // self.factor, last_row + 1), slice(col // self.factor, last_col + 1)
 
     def _blocks(self, rows: slice, cols: slice) -> tuple[NDArray[np.intp], ...]:
         """Those of the cells of a part of the map, to index with."""

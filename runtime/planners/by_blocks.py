@@ -16,10 +16,11 @@ from nnpp_edge.runtime.kernels.tiles import BLOCK_SEEN
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.layers import Costs
 from nnpp_edge.runtime.map.state import MapState
-from nnpp_edge.runtime.planners.query import Found, Work
+from nnpp_edge.runtime.planners.query import Found
 from nnpp_edge.runtime.robots.robot import Price
 from nnpp_edge.runtime.search.astar import Query
 from nnpp_edge.runtime.search.region import Region
+from nnpp_edge.runtime.stopwatch import Work
 from nnpp_edge.runtime.tuning import (
     BLOCKS_AROUND,
     BLOCKS_BEYOND,

@@ -17,12 +17,13 @@ from nnpp_edge.runtime.map.pyramid import Level
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.planners.plan import Source
-from nnpp_edge.runtime.planners.query import Found, Work
+from nnpp_edge.runtime.planners.query import Found
 from nnpp_edge.runtime.planners.searchers import Searcher
 from nnpp_edge.runtime.search.astar import Query, Search, astar
 from nnpp_edge.runtime.search.landmarks import Landmarks
 from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
+from nnpp_edge.runtime.stopwatch import Work
 from nnpp_edge.runtime.tuning import (
     CELLS_APART,
     LANDMARK_PATIENCE,
@@ -179,10 +180,17 @@ class CoarseToFine:
     def __init__(self, state: MapState, finest: Workspace) -> None:
         self._state = state
         self._finest = finest
-        self._levels = state.pyramid_by(NEVER).levels
-        self.coarse_levels = [CoarseLevel(level) for level in self._levels[1:]]
-        """The searched levels above the map itself, finest first."""
+        self._levels: list[Level] = []
+        self.coarse_levels: list[CoarseLevel] = []
+        """The searched levels above the map itself, finest first; from the first `update` on."""
         self._moves = state.grid.robot.moves
+
+    def update(self, deadline: Deadline = NEVER) -> list[Level]:
+        """The levels as the map is now, finest first; OutOfTimeError at the deadline."""
+        self._levels = self._state.pyramid_by(deadline).levels
+        if not self.coarse_levels:
+            self.coarse_levels = [CoarseLevel(level) for level in self._levels[1:]]
+        return self._levels
 
     def workspace(self, number: int) -> Workspace:
         """Memory of the searches of the level of that number; 0 is the map itself."""
@@ -237,7 +245,7 @@ class CoarseToFine:
         query: Query,
         work: Work,
         searcher: Searcher,
-        top: int,
+        top: int | None,
         region: Region | None,
         width: CorridorWidth,
         source: Source,
@@ -245,14 +253,15 @@ class CoarseToFine:
         """A path, from level `top` down to the map, on which `searcher` looks for it, or that its
         region holds none; None where no coarse path leads.
 
-        `region` is where to look on level `top`, None for all of a coarse level. A vehicle's links
-        are corrected meanwhile, as often as it pays. OutOfTimeError where time was up before the
-        search at full resolution.
+        `region` is where to look on level `top`, None for all of a coarse level; without `top` it
+        begins where that suits the query. A vehicle's links are corrected meanwhile, as often as it
+        pays. OutOfTimeError where time was up before the search at full resolution.
         """
+        self.update(query.deadline)
+        if top is None:
+            top = self.top_for(query)
         coarse = self.coarse_levels[0]
         spent = 0
-        # brought up to date; a search in slices leaves the levels so, while the map changes
-        self._levels = self._state.pyramid_by(query.deadline).levels
         try:
             for left in reversed(range(self._moves.corridor_tries)):
                 if (inside := self._descend(query, work, top, region, width)) is None:
@@ -267,7 +276,7 @@ class CoarseToFine:
                     or (by_field and spent > MOST_FIELDS_IN_VAIN * query.apart**2)
                     or not coarse.close_dead_ends(inside, dead_end, self._state.shape)
                 ):
-                    return Found.of(self._state.grid, search, source, inside, work)
+                    return Found.of(self._state.grid, search, source, inside)
                 work.stage_ends("coarse")
             return None
         finally:
@@ -283,20 +292,17 @@ class CoarseToFine:
         """What is found in corridors, each wider than the one before; none where no coarse path
         leads.
         """
-        top = self.top_for(query)
-        robot = self._state.grid.robot
-        by_default = (
-            robot.moves.corridors if query.wanted is None else robot.moves.corridors_to_heading
-        )
+        moves = self._moves
+        by_default = moves.corridors if query.wanted is None else moves.corridors_to_heading
         widths = widths or by_default
         for width, source in zip(widths, (Source.REGION, Source.WIDENED), strict=True):
-            found = self.find(query, work, searcher, top, None, width, source)
+            found = self.find(query, work, searcher, None, None, width, source)
             if found is not None:
                 yield found
 
     def touch(self) -> None:
         """Have the system back all arrays with memory now."""
-        for level in self._levels:
+        for level in self.update():
             touch(level, level.grid)
         for coarse in self.coarse_levels:
             touch(coarse, coarse.workspace)

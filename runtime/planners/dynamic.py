@@ -14,14 +14,14 @@ import numpy as np
 
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Bool, Cells, Float2D, Int32
-from nnpp_edge.runtime.cells import Cell, apart, as_cell
+from nnpp_edge.runtime.cells import Cell, apart, as_cell, cell_of
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.map.changes import Change
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.options import PlannerOptions
-from nnpp_edge.runtime.planners.joining import ON_IT, Joiner, cell_of, nearest_on
+from nnpp_edge.runtime.planners.joining import ON_IT, Joiner, nearest_on
 from nnpp_edge.runtime.planners.methods import file_of
 from nnpp_edge.runtime.planners.on_map import (
     OnMap,
@@ -29,10 +29,11 @@ from nnpp_edge.runtime.planners.on_map import (
     split,
 )
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Plan, Source
-from nnpp_edge.runtime.planners.query import Found, Work, problem_with
+from nnpp_edge.runtime.planners.query import Found, problem_with
 from nnpp_edge.runtime.planners.searching import Options, Searching, find
 from nnpp_edge.runtime.planners.standing_path import Departure, Footing, Standing, StandingPath
 from nnpp_edge.runtime.search.astar import Query, Search
+from nnpp_edge.runtime.stopwatch import Work
 from nnpp_edge.runtime.tuning import BEFORE_BLOCK, GOAL_MOVES, JOIN_MS, MOST_AHEAD
 
 if TYPE_CHECKING:
@@ -119,16 +120,12 @@ class DynamicPlanner(OnMap):
         factor: int,
         goal: Cell,
         traversability: "Traversability | None" = None,
-        *,
-        prior: str = "network",
         **options: Unpack[PlannerOptions],
     ) -> "DynamicPlanner":
         """A planner of ground that is known coarsely, as `Planner.of_coarse`."""
         own, rest = split(options)
         model = file_of(rest.pop("model", "unseen"))
-        ground = Ground.of_coarse(
-            dem, cell_size_m, factor, traversability, prior=prior, model=model, **own
-        )
+        ground = Ground.of_coarse(dem, cell_size_m, factor, traversability, model=model, **own)
         return cls(ground, goal, **rest)
 
     _repeated = True
@@ -160,7 +157,7 @@ class DynamicPlanner(OnMap):
         if self._state.unseen is not None:
             _ = self._methods.blocks
         elif self.method.entry.needs:
-            _ = self._methods.descent  # pooled now, so that the first plan does not wait for it
+            self._methods.descent.update()  # now, so that the first plan does not wait
         standing = self._standing
         if standing is not None and self._leads_to_goal:
             with suppress(InvalidQueryError):  # it may not be walkable any more
@@ -490,7 +487,7 @@ class DynamicPlanner(OnMap):
         ends = place.start, place.goal
         # `Found.of` adds what the height between the ends is worth
         bound = grid.least_cost(*ends) - float(grid.robot.price.worth(*ends))
-        found = Found.of(grid, Search(Status.OK, path, 0, bound), Source.STANDING, None, work)
+        found = Found.of(grid, Search(Status.OK, path, 0, bound), Source.STANDING, None)
         return found.plan(DynamicMethod(by), work, self._state, choice=_JOINED)
 
     def _join(self, place: Query, *, as_good: bool) -> Plan | None:

@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from nnpp_edge.runtime.arrays import Int32
-from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.cells import Cell, cell_of
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels.lattice import DIRECTION_COUNT
 from nnpp_edge.runtime.map.grid import Grid
@@ -36,12 +36,6 @@ def nearest_on(path: Int32, at: Cell, direction: int) -> tuple[int, int]:
     away[here] = ON_IT
     index = int(away.argmin())
     return index, int(away[index])
-
-
-def cell_of(state: Int32) -> Cell:
-    """The cell of a state of a path."""
-    row, col = state[:2].tolist()
-    return row, col
 
 
 class Joiner:

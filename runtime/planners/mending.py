@@ -6,11 +6,11 @@ from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.memory import touch
-from nnpp_edge.runtime.planners.query import Work
 from nnpp_edge.runtime.planners.searchers import AStarSearcher
 from nnpp_edge.runtime.search.astar import Query, Search
 from nnpp_edge.runtime.search.dstar_lite import DStarLite, serves
 from nnpp_edge.runtime.search.region import Region
+from nnpp_edge.runtime.stopwatch import Work
 from nnpp_edge.runtime.tuning import MOST_JOINED
 
 
@@ -44,7 +44,8 @@ class MendingSearcher:
             self._dstar.set_goal(query.goal, region)
         elif region is not None:
             self._dstar.set_region(_joined(region, self._dstar.region))
-        found = work.searched(self._dstar.plan(query.start, deadline=query.deadline))
+        found = self._dstar.plan(query.start, deadline=query.deadline)
+        work.stage_ends("search", found.expansions)
         if region is None:
             return found
         # D* Lite does not say what it refused: the octile distance is the bound

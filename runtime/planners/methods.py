@@ -3,9 +3,10 @@
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -17,12 +18,13 @@ from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.memory import small_pages
 from nnpp_edge.runtime.options import METHODS, STATES
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Plan, Source
-from nnpp_edge.runtime.planners.query import Found, Work, problem_with, told
+from nnpp_edge.runtime.planners.query import Found, problem_with, told
 from nnpp_edge.runtime.planners.searchers import (
     AStarSearcher,
     Searcher,
 )
 from nnpp_edge.runtime.search.astar import Query
+from nnpp_edge.runtime.stopwatch import Work
 from nnpp_edge.runtime.tuning import (
     BRIEF_EXPANSIONS,
     FAR,
@@ -42,9 +44,16 @@ if TYPE_CHECKING:
     from nnpp_edge.runtime.planners.mending import MendingSearcher
     from nnpp_edge.runtime.region.learned import LearnedRegions
 
-Way = tuple[DynamicMethod, str, Callable[[Query, Work], Found | None]]
-"""A method, why that one, and what looks for a path by it: None where the next way is to be tried.
-"""
+
+class Way(NamedTuple):
+    """A method, why that one, and what looks for a path by it."""
+
+    by: DynamicMethod
+    why: str
+    find: Callable[["Methods", Query, Work], Found | None]
+    """None where the next way is to be tried."""
+
+
 _NEAR = f"the goal is less than {NEAR} cells away"
 _NONE_SUFFICES = "the network's regions hold no path that suffices"
 _NEW_CORRIDOR = "a new corridor is faster than repairs"
@@ -163,39 +172,39 @@ class Methods:
         self,
         query: Query,
         work: Work,
-        wanted: DynamicMethod,
-        ways: Sequence[Way],
+        method: str,
         *,
         keep_regions: bool = False,
     ) -> Plan:
-        """The plan of a query, by the first of the ways that finds an answer, as the last one does.
+        """The plan of a query, by the first way of a method that finds an answer, as the last one
+        does.
 
-        It is of the method `wanted` where an end cannot be stood on, or time is up.
+        It is of the first where an end cannot be stood on, or time is up. InvalidQueryError where
+        the method does not serve this robot.
         """
         state = self.state
         robot = state.grid.robot
+        ways = self.ways(method, query)
+        by, why, _ = ways[0]
+        needs = METHODS[by].needs
         if problem := problem_with(state.grid, query.start, query.goal):
-            return Plan(
-                problem,
-                wanted.entry.keeps or wanted,
-                planner=wanted,
-                reason=told(problem, query, robot),
-            )
-        checked_before = state.checked
-        large = state.grid.cells * robot.moves.states_a_node > SPARSE_FROM and wanted.entry.needs
+            reason = told(problem, query, robot)
+            return Plan(problem, METHODS[by].keeps or by, planner=by, reason=reason)
+        checked_before = robot.stance.checks
+        large = state.grid.cells * robot.moves.states_a_node > SPARSE_FROM and needs
         try:
             with small_pages() if large or state.unseen is not None else nullcontext():
-                for by, why, find in ways:
-                    if (found := find(query, work)) is not None:
+                for way in ways:
+                    if (found := way.find(self, query, work)) is not None:
+                        by, why, _ = way
                         break
         except OutOfTimeError:
-            by = wanted
             why = ""
-            found = Found.too_late(Source.REGION if wanted.entry.needs else Source.MAP)
+            found = Found.too_late(Source.REGION if needs else Source.MAP)
         assert found is not None
-        bound = found.lower_bound - robot.at_ends(query)
-        found = found._replace(lower_bound=bound)
-        within = by.entry.bound
+        if query.direction >= 0 or query.wanted is not None:  # no steps are counted there
+            found = found._replace(lower_bound=found.lower_bound - robot.at_ends(query))
+        within = METHODS[by].bound
         if within is not None and within > 1.0 and found.search.status is Status.OK:
             found = found._replace(lower_bound=max(found.cost / within, 0.0))
         plan = found.plan(by, work, state, checked_before, choice=why, keep_regions=keep_regions)
@@ -211,34 +220,26 @@ class Methods:
         """How a path is found by a method, and why that one; InvalidQueryError where it does not
         serve this robot.
         """
-        entry = METHODS[method]
-        over = self.state.grid.robot.moves.over
-        if refusal := entry.refusal(over):
-            raise InvalidQueryError(refusal)
-        if over not in entry.robots and entry.instead is not None:
-            other, why = entry.instead
-            return [(DynamicMethod(method), why, METHODS[other].finder(self))]
-        return entry.finder(self)(query) if entry.chooses else [self.way(method)]
-
-    def way(self, by: str, why: str = "", **how: bool) -> Way:
-        """How a path is found by a method that chooses among no others."""
-        return DynamicMethod(by), why, partial(METHODS[by].finder(self), **how)
+        if METHODS[method].chooses:
+            return _finder(method)(self, query)  # type: ignore[no-any-return]
+        return [_way_of(method, self.state.grid.robot.moves.over)]
 
     def choose(self, query: Query) -> Sequence[Way]:
         """How ``auto`` finds a path: by what figures say of the map, the robot and the distance."""
         if self.state.unseen is not None:
-            return [self.way("corridor", "over blocks where the ground is known coarsely")]
+            return [_way("corridor", "over blocks where the ground is known coarsely")]
         picked, why = pick_method(self.state, self._model, query.apart)
         if self._repeated and picked != "astar":
             picked = "corridor"
             why = _NEW_CORRIDOR
         if picked == "astar":
             long = _NEW_CORRIDOR if self._repeated else f"{why}, but the way is long"
-            near = DynamicMethod("astar"), why, self.search_briefly
-            return [near, self.way("corridor", long)]
+            near = Way(DynamicMethod.ASTAR, why, Methods.search_briefly)
+            return [near, _way("corridor", long)]
         if picked == "nnpp":
-            return [self.way("nnpp", why, alone=True), self.way("corridor", _NONE_SUFFICES)]
-        return [self.way(picked, why)]
+            alone = partial(_finder("nnpp"), alone=True)
+            return [Way(DynamicMethod.NNPP, why, alone), _way("corridor", _NONE_SUFFICES)]
+        return [_way(picked, why)]
 
     def mended_corridor(self, query: Query, work: Work) -> Found:
         """As `corridor`, and in it D* Lite."""
@@ -250,22 +251,21 @@ class Methods:
 
     def search_map(self, query: Query, work: Work, source: Source = Source.MAP) -> Found:
         """The optimal path, by A* over the whole map; `source` says why that was searched."""
-        work.remark = ""
-        return Found.of(self.state.grid, self.astar.search(query, work, None), source, None, work)
+        return Found.of(self.state.grid, self.astar.search(query, work, None), source, None)
 
     def search_briefly(self, query: Query, work: Work) -> Found | None:
         """The optimal path; None where the way to the goal turns out too long for its distance."""
         limit = BRIEF_EXPANSIONS + 2 * query.apart**2
         found = self.astar.search(query, work, None, limit=limit)
         timeout = found.status is Status.TIMEOUT
-        return None if timeout else Found.of(self.state.grid, found, Source.MAP, None, work)
+        return None if timeout else Found.of(self.state.grid, found, Source.MAP, None)
 
     def mend_map(self, query: Query, work: Work) -> Found:
         """The optimal path, by D* Lite over the whole map; by A* where steps cost too differently
         for that.
         """
         search = self.mending_map.search(query, work, None)
-        return Found.of(self.state.grid, search, Source.MAP, None, work)
+        return Found.of(self.state.grid, search, Source.MAP, None)
 
     def corridor(
         self,
@@ -281,7 +281,6 @@ class Methods:
             by_blocks = self._by_blocks(query, work)
             if by_blocks is not None and by_blocks.suffices(query):
                 return by_blocks
-        self.state.pyramid_by(query.deadline)
         corridors = self.descent.corridors(query, work, searcher or self.astar, widths)
         moves = self.state.grid.robot.moves
         doubted: Found | None = None
@@ -320,7 +319,7 @@ class Methods:
                     path = np.concatenate((path[:-1], over(stops[first:])))
                 bound = float(octile.py_func(*query.start, *query.goal, *grid.prices))
                 search = search._replace(path=path, refused_f=bound)
-                return Found.of(grid, search, Source.REGION, None, work)
+                return Found.of(grid, search, Source.REGION, None)
         return None
 
     def network_region(
@@ -340,9 +339,7 @@ class Methods:
             return near
         top = self._network_level
         deadline = query.deadline
-        level = self.state.pyramid_by(deadline).levels[
-            top
-        ]  # before `descent`, which waits for all of them
+        level = self.descent.update(deadline)[top]
         memory = self.descent.workspace(top)
         td, at_td, regions = self.regions.regions(
             query.start, query.goal, level, top, memory, work, deadline
@@ -368,3 +365,29 @@ class Methods:
         from nnpp_edge.runtime.map.pyramid import coarse_shapes
 
         return len(coarse_shapes(*self.state.shape))
+
+
+@cache
+def _finder(method: str) -> Callable[..., Any]:
+    """What finds by a method, of (methods, query, work)."""
+    find = METHODS[method].find
+    return resolve_name(find) if ":" in find else getattr(Methods, find)  # type: ignore[no-any-return]
+
+
+def _way(method: str, why: str = "") -> Way:
+    """How a path is found by a method that chooses among no others."""
+    return Way(DynamicMethod(method), why, _finder(method))
+
+
+@cache
+def _way_of(method: str, over: str) -> Way:
+    """As `_way`, for a robot whose search goes over cells or states; InvalidQueryError where it
+    does not serve that.
+    """
+    entry = METHODS[method]
+    if refusal := entry.refusal(over):
+        raise InvalidQueryError(refusal)
+    if over not in entry.robots and entry.instead is not None:
+        other, why = entry.instead
+        return _way(other, why)._replace(by=DynamicMethod(method))
+    return _way(method)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Unpack
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Bool, Float2D
 from nnpp_edge.runtime.cells import Cell, as_cell
-from nnpp_edge.runtime.deadline import Deadline
+from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.options import PlannerOptions, PlanOptions
@@ -20,8 +20,9 @@ from nnpp_edge.runtime.planners.on_map import (
     split,
 )
 from nnpp_edge.runtime.planners.plan import Method, Plan
-from nnpp_edge.runtime.planners.query import Work, options_of
+from nnpp_edge.runtime.planners.query import options_of
 from nnpp_edge.runtime.search.astar import Query, costs_to_nearest
+from nnpp_edge.runtime.stopwatch import Work
 from nnpp_edge.runtime.tuning import NEAREST_STOPS
 
 if TYPE_CHECKING:
@@ -100,8 +101,6 @@ class Planner(OnMap):
         cell_size_m: float,
         factor: int,
         traversability: "Traversability | None" = None,
-        *,
-        prior: str = "network",
         **options: Unpack[PlannerOptions],
     ) -> "Planner":
         """A planner of ground that is known coarsely, and finely where `update_elevation` has
@@ -117,16 +116,13 @@ class Planner(OnMap):
             Mean elevation in metres of blocks of `factor` × `factor` cells, NaN where unknown.
         cell_size_m : float
             Side of a block.
-        prior : str
-            See `Ground.prior`; its network is the option `model`.
         **options
-            As for `of_elevation`, as errors are.
+            As for `of_elevation`, as errors are, and `prior`, see `Ground`; its network is the
+            option `model`.
         """
         own, rest = split(options)
         model = file_of(rest.pop("model", "unseen"))
-        ground = Ground.of_coarse(
-            dem, cell_size_m, factor, traversability, prior=prior, model=model, **own
-        )
+        ground = Ground.of_coarse(dem, cell_size_m, factor, traversability, model=model, **own)
         return cls(ground, **rest)
 
     @checked(InvalidQueryError)
@@ -261,11 +257,12 @@ class Planner(OnMap):
         )
 
     def _planned(self, start: Cell, goal: Cell, asked: PlanOptions, work: Work) -> Plan:
-        refining = self._frees(asked.get("refine"))
+        refining = "refine" in asked and self._frees(asked["refine"])
         deadline = _deadline(asked)
-        return self._refined(
-            self._on_grid(start, goal, asked, work, deadline), refining, asked, deadline
-        )
+        plan = self._on_grid(start, goal, asked, work, deadline)
+        if not refining and plan.states is None:
+            return plan
+        return self._refined(plan, refining, asked, deadline)
 
     def _on_grid(
         self,
@@ -277,19 +274,20 @@ class Planner(OnMap):
         direction: int = -1,
     ) -> Plan:
         """The plan by the search alone."""
-        methods = self._methods
-        begin, wanted = self._state.grid.robot.moves.ends(
-            asked.get("start_heading_deg"),
-            asked.get("goal_heading_deg"),
-            asked.get("goal_tolerance_deg", 0.0),
-        )
+        begin = -1
+        wanted = None
+        start_deg = asked.get("start_heading_deg")
+        goal_deg = asked.get("goal_heading_deg")
+        if start_deg is not None or goal_deg is not None:
+            tolerance = asked.get("goal_tolerance_deg", 0.0)
+            begin, wanted = self._state.grid.robot.moves.ends(start_deg, goal_deg, tolerance)
+        if direction >= 0:
+            begin = direction
         epsilon = asked.get("epsilon", math.inf)
-        query = Query.of(
-            start, goal, deadline, epsilon, direction if direction >= 0 else begin, wanted
-        )
-        ways = methods.ways(Method(asked.get("method", Method.AUTO)), query)
+        query = Query.of(start, goal, deadline, epsilon, begin, wanted)
+        method = Method(asked.get("method", Method.AUTO))
         keep = asked.get("keep_regions", False)
-        return methods.plan(query, work, ways[0][0], ways, keep_regions=keep)
+        return self._methods.plan(query, work, method, keep_regions=keep)
 
     def _refined(self, plan: Plan, refining: bool, asked: PlanOptions, deadline: Deadline) -> Plan:
         """The plan, freed from the grid if that is asked for."""
@@ -299,7 +297,7 @@ class Planner(OnMap):
 
 
 def _deadline(asked: PlanOptions) -> Deadline:
-    return Deadline.within(asked.get("time_limit_s", math.inf))
+    return Deadline.within(asked["time_limit_s"]) if "time_limit_s" in asked else NEVER
 
 
 class PathOptions(PlannerOptions, PlanOptions):

@@ -8,16 +8,16 @@ from typing import NamedTuple
 import numpy as np
 
 from nnpp_edge.runtime.arguments import checked
-from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.cells import Cell, cell_of
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.state import MapState
-from nnpp_edge.runtime.options import PlanOptions
+from nnpp_edge.runtime.options import METHODS, PlanOptions
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan, Source
 from nnpp_edge.runtime.robots.robot import Robot
 from nnpp_edge.runtime.search.astar import Query, Search
 from nnpp_edge.runtime.search.region import Region
-from nnpp_edge.runtime.stopwatch import Stopwatch
+from nnpp_edge.runtime.stopwatch import Work
 
 _REASONS = {
     Status.NO_PATH: "no path exists on the known map",
@@ -27,23 +27,6 @@ _REASONS = {
 
 options_of: Callable[..., PlanOptions] = checked(InvalidQueryError)(PlanOptions)
 """From keywords; InvalidQueryError for a value of another kind."""
-
-
-class Work(Stopwatch):
-    """Time and expansions of a query so far."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.expansions = 0
-        """Cells expanded, at all levels."""
-        self.remark = ""
-        """Why the search was made as it was, where there was a choice."""
-
-    def searched(self, search: Search) -> Search:
-        """Count a search that has just ended."""
-        self.expansions += search.expansions
-        self.stage_ends("search")
-        return search
 
 
 class Found(NamedTuple):
@@ -63,18 +46,15 @@ class Found(NamedTuple):
     threshold: float = math.nan
 
     @classmethod
-    def of(
-        cls, grid: Grid, search: Search, source: Source, region: Region | None, work: Work
-    ) -> "Found":
+    def of(cls, grid: Grid, search: Search, source: Source, region: Region | None) -> "Found":
         """Of a search of the map, or of a region of it."""
-        costs = grid.costs_of(search.path)
+        path = search.path  # of a search: it lies on the map
+        costs = grid.robot.price.costs_of(grid, path)
         bound = 0.0
         if search.status is Status.OK:
             # g is kept in float32: a refused cell's f may be too high by its rounding
-            start, goal = search.path[[0, -1], :2].tolist()
-            worth = float(grid.robot.price.worth(start, goal))
+            worth = float(grid.robot.price.worth(cell_of(path[0]), cell_of(path[-1])))
             bound = min(costs[0], search.refused_f * (1.0 - 1e-6) + worth)
-        work.stage_ends("path")
         return cls(search, source, *costs, bound, region)
 
     def suffices(self, query: Query) -> bool:
@@ -114,7 +94,7 @@ class Found(NamedTuple):
         states = search.path[:, 2] if search.path.shape[1] == 3 else None
         plan = Plan(
             search.status,
-            Method(by.entry.keeps or by),
+            Method(METHODS[by].keeps or by),
             self.source,
             path,
             self.cost,
@@ -124,10 +104,10 @@ class Found(NamedTuple):
             work.expansions,
             threshold=self.threshold,
             planner=by,
-            choice=choice or work.remark,
+            choice=choice,
             reason=reason or _REASONS.get(search.status, ""),
             costs_computed=state.costs_computed,
-            checks=state.checked - checked_before,
+            checks=state.grid.robot.stance.checks - checked_before,
             timings_ms=work.timings_ms,
             along=state.along(path),
             states=states,
@@ -148,15 +128,15 @@ def problem_with(grid: Grid, start: Cell, goal: Cell) -> Status | None:
     """The reason not to plan between two cells, if there is one: one lies outside the map, or is
     impassable.
     """
-    for cell, outside, blocked in (
-        (start, Status.START_OUTSIDE_MAP, Status.START_BLOCKED),
-        (goal, Status.GOAL_OUTSIDE_MAP, Status.GOAL_BLOCKED),
-    ):
-        if not grid.holds(cell):
-            return outside
-        if not grid.is_passable(cell):
-            return blocked
-    return None
+    if not grid.holds(start):
+        return Status.START_OUTSIDE_MAP
+    if not grid.holds(goal):
+        stands = grid.is_passable(start)
+        return Status.GOAL_OUTSIDE_MAP if stands else Status.START_BLOCKED
+    starts, ends = grid.robot.stance.stands_at(grid, start, goal)
+    if not starts:
+        return Status.START_BLOCKED
+    return None if ends else Status.GOAL_BLOCKED
 
 
 def told(problem: Status, query: Query, robot: Robot) -> str:

@@ -31,7 +31,7 @@ from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.runtime.planners.turns import curvatures, with_arcs
-from nnpp_edge.runtime.stopwatch import Stopwatch
+from nnpp_edge.runtime.stopwatch import Work
 from nnpp_edge.runtime.tuning import ANY_ANGLE, WAY_POINT_SAVES
 
 _ROUNDER = (1.02, 1.1, 1.3)
@@ -90,7 +90,7 @@ class Refiner:
         radius = self._radius(wanted)
         if not plan.ok:
             return plan
-        watch = Stopwatch()
+        watch = Work()
         line = self.line_along(plan.path, radius, deadline)
         if line is None:
             reason = (

@@ -8,10 +8,11 @@ from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.expansion import MOST_LANDMARKS
 from nnpp_edge.runtime.map.changes import ChangeReader
 from nnpp_edge.runtime.map.state import MapState
-from nnpp_edge.runtime.planners.query import Work, problem_with
+from nnpp_edge.runtime.planners.query import problem_with
 from nnpp_edge.runtime.search.astar import Query, Search
 from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
+from nnpp_edge.runtime.stopwatch import Work
 from nnpp_edge.runtime.tuning import MOST_RATIO_FOR_LANDMARKS
 
 if TYPE_CHECKING:
@@ -44,16 +45,18 @@ class AStarSearcher:
         """
         hints = self.landmarks.towards(query.goal) if self.landmarks else None
         robot = self.grid.robot
-        return work.searched(
-            robot.moves.search(self.grid, query, self.workspace, region, hints, limit)
-        )
+        found = robot.moves.search(self.grid, query, self.workspace, region, hints, limit)
+        work.stage_ends("search", found.expansions)
+        return found
 
     @property
     def landmarks(self) -> "Landmarks | None":
         """From `prepare`; None before, after a cell has become cheaper, and where weights lie far
         apart.
         """
-        if self._changes is not None and any(change.cheaper for change in self._changes.read()):
+        if self._changes is None:
+            return None
+        if any(change.cheaper for change in self._changes.read()):
             self._landmarks = self._changes = None
         return self._landmarks if self.grid.step_ratio <= MOST_RATIO_FOR_LANDMARKS else None
 
@@ -62,7 +65,7 @@ class AStarSearcher:
         `Planner.prepare`.
         """
         count = landmarks + len(goals)
-        if count and not self.grid.robot.has_landmarks:
+        if count and not self.grid.robot.by_weights:
             raise InvalidQueryError(
                 "landmarks need steps that cost alike both ways, without turns: wanted "
                 "step_cost='paper' and no body"

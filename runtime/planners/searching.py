@@ -18,8 +18,8 @@ from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.planners.methods import Methods
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan
-from nnpp_edge.runtime.planners.query import Work
 from nnpp_edge.runtime.search.astar import Query
+from nnpp_edge.runtime.stopwatch import Work
 
 _NEARER = "no path leads to the goal: as near to it as there is a way"
 
@@ -46,8 +46,7 @@ def find(
     """
 
     def plan_to(query: Query) -> Plan:
-        ways = methods.ways(options.method, query)
-        return methods.plan(query, work, options.method, ways, keep_regions=options.keep_regions)
+        return methods.plan(query, work, options.method, keep_regions=options.keep_regions)
 
     plan = plan_to(query)
     if not options.approach or plan.status not in (Status.NO_PATH, Status.GOAL_BLOCKED):
@@ -61,14 +60,12 @@ def find(
 class _Slices(Deadline):
     """The deadline of a search in slices: it never passes, but the search pauses by it."""
 
-    def __init__(self) -> None:
-        super().__init__()
-        self.slice = NEVER
+    slice = NEVER
 
-    @property
-    def until(self) -> float:
-        """When the slice ends."""
-        return self.slice.at
+    def begin(self, slice: Deadline) -> None:
+        """Work until then."""
+        self.slice = slice
+        self.until = slice.at
 
     def goes_on(self) -> bool:
         """True, after a pause if the slice is over."""
@@ -130,7 +127,7 @@ class Searching:
     def go_on(self, until: Deadline) -> Plan | None:
         """Search until then; the plan, once that is there."""
         if self.plan is None:
-            self._slices.slice = until
+            self._slices.begin(until)
             self._search.parent = getcurrent()
             self.work.resumes()
             self.plan = cast(Plan | None, self._search.switch(self._slices))

@@ -24,13 +24,13 @@ from enum import StrEnum
 
 import numpy as np
 
-from nnpp_edge.runtime.cells import Cell, Rectangle
+from nnpp_edge.runtime.cells import Cell, Rectangle, cell_of
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.kernels.paths import remember, savings
 from nnpp_edge.runtime.map.changes import Change
 from nnpp_edge.runtime.map.state import MapState
-from nnpp_edge.runtime.planners.joining import ON_IT, cell_of, nearest_on
+from nnpp_edge.runtime.planners.joining import ON_IT, nearest_on
 from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.runtime.robots.body import arcs
 from nnpp_edge.runtime.search.astar import Query
@@ -106,7 +106,7 @@ class StandingPath:
 
     def __init__(self, state: MapState) -> None:
         self._grid = state.grid
-        self._by_parts = not state.grid.robot.keeps_old_weights
+        self._by_parts = not state.grid.robot.by_weights
         nodes = 0 if self._by_parts else len(state.grid.weights)
         self._changes = state.log.reader(keeps_old_weights=not self._by_parts)
         self._parts: list[Rectangle] = []

@@ -18,7 +18,7 @@ from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.options import STATES
 from nnpp_edge.runtime.planners.plan import Method, Plan, Source
 from nnpp_edge.runtime.planners.query import in_words
-from nnpp_edge.runtime.stopwatch import Stopwatch
+from nnpp_edge.runtime.stopwatch import Work
 
 MOST_ORDERED = 12
 """Places between start and goal whose best order is looked for: 12! orders, 12² · 2^12 sums."""
@@ -95,7 +95,7 @@ def tour(
         A place between start and goal lies outside the map or is impassable, or more than
         `MOST_ORDERED` are to be ordered.
     """
-    watch = Stopwatch()
+    watch = Work()
     legs = _Legs(plan, stops, grid)
     count = len(stops) - 2
     given_cost = math.nan

@@ -18,7 +18,7 @@ from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.region.map_view import MapView
 from nnpp_edge.runtime.search.region import Lookup, Region
 from nnpp_edge.runtime.search.workspace import Workspace
-from nnpp_edge.runtime.stopwatch import Stopwatch
+from nnpp_edge.runtime.stopwatch import Work
 from nnpp_edge.runtime.tuning import WIDENED_BLOCKS, WIDENED_THRESHOLD
 
 
@@ -146,7 +146,7 @@ class LearnedRegions:
         """Do now what the first query on this level, the pyramid's of that number, would do before
         it is answered.
         """
-        view = self._loaded_view(Stopwatch())
+        view = self._loaded_view(Work())
         view.lookup_at(level.grid, number)
         view.refresh()
         if view.network.in_parts:
@@ -159,7 +159,7 @@ class LearnedRegions:
         level: Level,
         number: int,
         workspace: Workspace,
-        stopwatch: Stopwatch,
+        stopwatch: Work,
         deadline: Deadline = NEVER,
     ) -> tuple[float, Region, Iterator[Region | None]]:
         """The adaptive threshold td, a probability, the region at td itself (NNPP, section 4.3)
@@ -202,7 +202,7 @@ class LearnedRegions:
 
         return probability_of(td), at_td, widening()
 
-    def _loaded_view(self, stopwatch: Stopwatch) -> MapView:
+    def _loaded_view(self, stopwatch: Work) -> MapView:
         if self._view is None:
             self._view = MapView(self._state, self.model, self._unseen_change)
             self._finder = RegionFinder(self._view.blocks)

@@ -9,18 +9,20 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Rectangle, slices, widened
+from nnpp_edge.runtime.arrays import Bool
+from nnpp_edge.runtime.cells import Cell, Rectangle, Sides, slices, widened
 from nnpp_edge.runtime.kernels.records import Packed, Room
+from nnpp_edge.runtime.robots.robot import Robot, Stance
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.map.grid import Grid
+    from nnpp_edge.runtime.map.state import MapState
 
 
-class Widening:
-    """The obstacles of a point's map, wider by a radius."""
+class DiscStance(Stance):
+    """On a point's map, whose obstacles are wider by a radius."""
 
-    def __init__(self, radius_m: float, sides_m: tuple[float, float]) -> None:
+    def __init__(self, radius_m: float, sides_m: Sides) -> None:
         self._radius_m = radius_m
         dy, dx = self._sides = sides_m
         # a disc half a step away is within this of the cell, as far as it is not within it of the
@@ -29,13 +31,11 @@ class Widening:
         rows = math.ceil(reach / dy + 0.5)
         cols = math.ceil(reach / dx + 0.5)
         self.reach = rows, cols
-        """Rows and columns around a cell that decide whether it may stand there."""
         down = np.maximum(np.abs(np.arange(-rows, rows + 1)) - 0.5, 0.0) * dy
         along = np.maximum(np.abs(np.arange(-cols, cols + 1)) - 0.5, 0.0) * dx
         self._touched = (np.hypot(down[:, None], along) < reach).astype(np.uint8)
 
-    def weights(self, point: "Grid", part: Rectangle) -> Float2D:
-        """(h, w) weights of a part of a point's map, inf where it would touch an obstacle."""
+    def shut(self, point: "Grid", part: Rectangle) -> Bool:
         weights = point.map()
         row, col, rows, cols = part
         down, along = self.reach
@@ -45,9 +45,18 @@ class Widening:
         obstacles[inside] = ~(weights[slices(seen)] < np.inf)
         border = cv2.BORDER_CONSTANT
         touched = cv2.dilate(obstacles, self._touched, borderType=border, borderValue=1)
-        here = touched[down : down + rows, along : along + cols]
-        return np.where(here, np.float32(np.inf), weights[slices(part)])
+        here: Bool = touched[down : down + rows, along : along + cols] > 0
+        return here
 
     def room(self, point: "Grid") -> Packed:
-        """What lines must keep away from."""
         return tuple(Room(point.weights, *point.shape, self._radius_m, *self._sides))
+
+    def why_blocked(self, cell: Cell) -> str:
+        return "an obstacle or the map's edge lies within the vehicle's radius"
+
+
+def disc_on(state: "MapState") -> Robot:
+    """The robot of a disc."""
+    assert state.vehicle is not None and state.vehicle.radius_m is not None
+    assert state.sides_m is not None
+    return Robot(DiscStance(state.vehicle.radius_m, state.sides_m))

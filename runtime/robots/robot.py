@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from nnpp_edge.runtime.arrays import Bool, Cells, Float32s, Floats
+from nnpp_edge.runtime.arrays import Bool, Cells, Float2D, Float32s, Floats
 from nnpp_edge.runtime.cells import Cell, Rectangle, widened
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.nodes import COL_STEP, ROW_STEP
 from nnpp_edge.runtime.kernels.paths import measure, walk
-from nnpp_edge.runtime.kernels.records import Hints
+from nnpp_edge.runtime.kernels.records import Hints, Packed
 from nnpp_edge.runtime.options import CELLS
 from nnpp_edge.runtime.search.astar import (
     Links,
@@ -26,7 +26,7 @@ from nnpp_edge.runtime.search.astar import (
     Search,
     Spreading,
     astar,
-    settle_all,
+    cost_field,
     spreading,
 )
 from nnpp_edge.runtime.search.region import Region
@@ -54,22 +54,27 @@ class Stance:
     """Where a robot may stand and go: here, as a point, on a cell that is not shut."""
 
     reach: Cell = (0, 0)
-    """Rows and columns from a cell to those that are below it on its way from there."""
+    """Rows and columns from a cell to those that decide whether it may stand there."""
 
-    @property
-    def checks(self) -> int:
-        """Number of poses that have been checked so far."""
-        return 0
+    checks = 0
+    """Number of poses that have been checked so far."""
 
-    def weights(self, grid: "Grid") -> Float32s:
-        """(nodes,) inf where no step may lead; empty where the moves' states decide."""
-        return grid.weights
+    def shut(self, point: "Grid", part: Rectangle) -> Bool | None:
+        """(h, w) cells of a part of a point's map that are shut to it; None where it may go
+        wherever a point may, or its moves' states decide.
+        """
+        return None
 
-    def stands_at(self, grid: "Grid", cell: Cell) -> bool:
-        """Whether a cell of the map can be stood on."""
+    def room(self, point: "Grid") -> Packed | None:
+        """Obstacles of a point's map that its lines must keep away from, see `records.Room`."""
+        return None
+
+    def stands_at(self, grid: "Grid", *cells: Cell) -> list[bool]:
+        """Whether each of these cells of the map can be stood on."""
         if grid.tiles is not None:
-            grid.tiles.open_at(*cell)
-        return math.isfinite(grid.weights[grid.node(*cell)])
+            for cell in cells:
+                grid.tiles.open_at(*cell)
+        return [math.isfinite(grid.weights[grid.node(*cell)]) for cell in cells]
 
     def touched(
         self, change: "Change", part: Rectangle, state: "MapState", *, heights: bool
@@ -88,14 +93,18 @@ class Stance:
 class Price:
     """What steps and paths cost: here by the weights of a step's ends, see `terrain.step_cost`."""
 
-    symmetric = True
-    """Whether a step costs the same both ways: landmarks and any angle serve then."""
     metre = 0.0
     """What a metre of level ground costs beside a cell's price; 0 where cells' weights say."""
 
     def edges(self, backwards: bool = False) -> Edges | None:
         """(nodes, ways) costs of steps, or of those that come to a cell; None where they cost by
-        the weights of their ends.
+        the weights of their ends: the same both ways, so that landmarks and any angle serve.
+        """
+        return None
+
+    def weights(self, part: Rectangle) -> Float2D | None:
+        """(h, w) weights of a part's cells, by which steps cost as with ``length``; None where they
+        cost by the map's own weights, or by edges.
         """
         return None
 
@@ -107,24 +116,15 @@ class Price:
 
     def walk(self, grid: "Grid", path: Cells, first: int, costs: Floats) -> int:
         """As `Grid.walk`."""
-        if grid.tiles is not None:
-            grid.tiles.open_along(path[first:])
         return int(walk(grid.packed, path, first, costs))
 
     def costs_of(self, grid: "Grid", path: Cells) -> PathCosts:
         """Cost, length in cells and CC of a path, summed in float64; inf for an empty one."""
         if not len(path):
             return math.inf, math.inf, math.inf
-        if grid.tiles is not None:  # a search may not have read all of it
-            grid.tiles.open_along(path)
-        straight, diagonal, by_straight, by_diagonal, total = measure(
-            grid.weights, grid.stride, path
-        )
-        length_s, length_d, weight_s, weight_d = grid.model.steps
-        lengths = length_s * straight + length_d * diagonal
-        weights = weight_s * by_straight + weight_d * by_diagonal
+        cost, straight, diagonal, total = measure(grid.packed, path)
         scale = grid.model.scale
-        return lengths + weights, straight + SQRT2 * diagonal, total / scale if scale else 0.0
+        return cost, straight + SQRT2 * diagonal, total / scale if scale else 0.0
 
     def worth(self, start: Cell, end: Cell | None = None) -> Float32s | float:
         """By how much a path to `end`, or to each cell, costs more than its steps as searches take
@@ -256,8 +256,6 @@ class CellMoves:
 
         InvalidQueryError for headings of a robot that has none.
         """
-        if start_deg is None and goal_deg is None:
-            return -1, None
         raise InvalidQueryError(
             "start_heading_deg and goal_heading_deg want a vehicle's body on elevations"
         )
@@ -286,9 +284,7 @@ class CellMoves:
         """(H, W) costs of ways from a cell to all others, inf where there are none; of a body they
         are those of cells, whatever the direction, and promise too little.
         """
-        settle_all(grid, start, memory, deadline=deadline)
-        costs: Float32s = grid.inner(memory.costs()) + grid.robot.price.worth(start)
-        return costs
+        return cost_field(grid, start, memory, deadline)
 
     def why_ended(
         self, grid: "Grid", start: Cell, goal: Cell, memory: Workspace, deadline: Deadline
@@ -315,7 +311,7 @@ class Robot(NamedTuple):
     @property
     def symmetric(self) -> bool:
         """Whether a path costs the same both ways, and is driven so."""
-        return self.price.symmetric and self.moves.drives_both_ways
+        return self.price.edges() is None and self.moves.drives_both_ways
 
     def follow(
         self, change: "Change", part: Rectangle, state: "MapState", *, heights: bool
@@ -341,14 +337,11 @@ class Robot(NamedTuple):
         return poses.sides_m[0] * self.price.metre
 
     @property
-    def keeps_old_weights(self) -> bool:
-        """Whether a change of the map is known by the weights of its cells before and after."""
+    def by_weights(self) -> bool:
+        """Whether its searches go over cells, by their weights: landmarks serve them, and old
+        weights tell what a change of the map is worth.
+        """
         return self.price.edges() is None and self.moves.over == CELLS
-
-    @property
-    def has_landmarks(self) -> bool:
-        """Whether landmarks serve its searches."""
-        return self.price.symmetric and self.moves.over == CELLS
 
     @property
     def line_refusal(self) -> str:

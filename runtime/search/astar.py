@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from nnpp_edge.runtime.arrays import Bool, Cells, Float2D, Floats, Int64, UInt8
+from nnpp_edge.runtime.arrays import Bool, Cells, Float2D, Float32s, Floats, Int64, UInt8
 from nnpp_edge.runtime.cells import Cell, as_cell
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
@@ -168,17 +168,12 @@ def astar(
     last = grid.node(*goal)
     if first == last:
         return Search(Status.OK, np.array([start], np.int32), 0)
+    edges = grid.robot.price.edges(backwards)
     width = bucket_width(grid, hints)
     farthest = 1.0 + beyond if beyond else kernels.BELOW
-    rule = Rule(*grid.prices, width, _successors(grid, links), farthest)
+    rule = Rule(*grid.prices, width, _successors(grid, links, edges), farthest)
     landmarks = kernels.NO_HINTS if hints is None else tuple(hints)
-    before = (
-        grid.packed,
-        grid.robot.price.edges(backwards),
-        _ways(links),
-        allowed(region),
-        landmarks,
-    )
+    before = (grid.packed, edges, _ways(links), allowed(region), landmarks)
     search = Spreading(kernels.expand, before, rule)
     ends = Ends(first, last)
     code, length, expansions, refused = run(
@@ -258,8 +253,9 @@ def _ways(links: Links) -> UInt8:
 
 def spreading(grid: "Grid", links: Links = None) -> Spreading:
     """How a point's costs spread."""
-    steps = (grid.packed, grid.robot.price.edges(), _ways(links))
-    rule = Rule(0.0, 0.0, bucket_width(grid), _successors(grid, links), kernels.BELOW)
+    edges = grid.robot.price.edges()
+    steps = (grid.packed, edges, _ways(links))
+    rule = Rule(0.0, 0.0, bucket_width(grid), _successors(grid, links, edges), kernels.BELOW)
     return Spreading(kernels.expand, (*steps, kernels.NO_REGION, kernels.NO_HINTS), rule)
 
 
@@ -299,11 +295,13 @@ def _settling(
         yield math.inf if code == EXHAUSTED else workspace.least_open
 
 
-def cost_field(grid: "Grid", source: Cell, workspace: Workspace) -> Float2D:
+def cost_field(
+    grid: "Grid", source: Cell, workspace: Workspace, deadline: Deadline = NEVER
+) -> Float2D:
     """Cost of the cheapest path from a passable cell to every other: (H, W) float32, inf where
-    there is none.
+    there is none. OutOfTimeError at the deadline.
     """
-    settle_all(grid, source, workspace)
+    settle_all(grid, source, workspace, deadline=deadline)
     field: Float2D = grid.inner(workspace.costs()) + grid.robot.price.worth(source)
     return field
 
@@ -338,12 +336,12 @@ def costs_to_nearest(
 
 def bucket_width(grid: "Grid", hints: Hints | None = None) -> float:
     """Of a bucket of the open list at first, in units of f."""
-    by_grid = DIRECTED_BUCKET_WIDTH if not grid.robot.price.symmetric else BUCKET_WIDTH
+    by_grid = DIRECTED_BUCKET_WIDTH if grid.robot.price.edges() is not None else BUCKET_WIDTH
     return grid.prices[0] * (by_grid if hints is None else BUCKET_WIDTH_BY_LANDMARKS)
 
 
-def _successors(grid: "Grid", links: Links) -> Int64:
+def _successors(grid: "Grid", links: Links, edges: Float32s | None) -> Int64:
     """The steps from a cell that its best predecessor leaves to search."""
-    if links is not None or grid.robot.price.edges() is not None:
+    if links is not None or edges is not None:
         return kernels.SUCCESSORS[0]
     return kernels.SUCCESSORS[2 if grid.corner_cutting and grid.model.kind is StepCost.PAPER else 1]

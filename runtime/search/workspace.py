@@ -33,25 +33,23 @@ MOST_KEPT = 1 << 23
 """Numbers in the memory that a workspace leaves to the next one; more (32 MiB) is not kept."""
 _AT_ONCE = 1 << 18
 """Words that are looked at between two readings of the clock."""
-_KEPT: dict[int, tuple[Int32, list[int]]] = {}
-"""The memory of the newest workspace of each size, and the number of the last search in it: of four
-sizes at most.
-"""
+_KEPT: dict[int, Int32] = {}
+"""The memory of the newest workspace of each size: of four sizes at most."""
 _IN_USE = 3
-"""References to memory from which on a workspace holds it: the tuple in `_KEPT` and the counting
-itself make two.
+"""References to memory from which on a workspace holds it: the name and the counting itself make
+two.
 """
 
 
-def _memory(size: int) -> tuple[Int32, list[int]]:
-    """Memory of this size for a workspace, and the number of the last search in it.
+def _memory(size: int) -> Int32:
+    """Memory of this size for a workspace.
 
     Memory that was used is as good as new. New memory takes longer: it is cleared first, or given
     by the system page by page.
     """
     kept = _KEPT.pop(size, None)  # from now on no other thread finds it
-    if kept is None or sys.getrefcount(kept[0]) >= _IN_USE:
-        kept = np.zeros(size, np.int32), [0]
+    if kept is None or sys.getrefcount(kept) >= _IN_USE:
+        kept = np.zeros(size, np.int32)
     if size <= MOST_KEPT:
         _KEPT[size] = kept
         while len(_KEPT) > 4:
@@ -73,7 +71,7 @@ class Workspace:
         self._nodes = nodes
         nodes = nodes * states
         size = 2 * nodes
-        state, self._searches = (virtual_zeros(size, np.int32), [0]) if sparse else _memory(size)
+        state = virtual_zeros(size, np.int32) if sparse else _memory(size)
         self.g: Float32s = state.view(np.float32)
         """g of node n at 2n."""
         self.meta: Int32 = state
@@ -87,12 +85,14 @@ class Workspace:
 
     @property
     def stamp(self) -> int:
-        """Number of the newest search."""
-        return self._searches[0]
+        """Number of the newest search, kept where the g of the border's first node would be, which
+        no search comes to.
+        """
+        return int(self.meta[0])
 
     @stamp.setter
     def stamp(self, number: int) -> None:
-        self._searches[0] = number
+        self.meta[0] = number
 
     @property
     def packed(self) -> Packed:
@@ -143,11 +143,12 @@ class Workspace:
 
     def next_stamp(self) -> int:
         """Number of a new search; all nodes read as unvisited to it."""
-        if self.stamp == LAST_STAMP:
+        number = self.stamp + 1
+        if number > LAST_STAMP:
             self.meta[1::2] = 0
-            self.stamp = 0
-        self.stamp += 1
-        return self.stamp
+            number = 1
+        self.stamp = number
+        return number
 
     @cached_property
     def from_goal(self) -> "Workspace":

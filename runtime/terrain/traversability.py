@@ -8,6 +8,7 @@ summed up, the paper leaves open; it is decided here.
 
 import math
 import warnings
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
 
 import numpy as np
@@ -16,12 +17,19 @@ from numpy.typing import ArrayLike, NDArray
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D, as_map, unmasked
 from nnpp_edge.runtime.bands import in_bands
-from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.cells import Cell, Rectangle, Sides, slices
 from nnpp_edge.runtime.errors import InvalidMapError
-from nnpp_edge.runtime.kernels.traversability import PAPER_TERMS, fill_terms, fill_weights
-from nnpp_edge.runtime.options import TERMS, Term
+from nnpp_edge.runtime.kernels.traversability import (
+    MOST_COST,
+    PAPER_TERMS,
+    fill_terms,
+    fill_weights,
+)
+from nnpp_edge.runtime.options import LAYER_TERMS, TERMS, Term
 from nnpp_edge.runtime.tuning import MOST_SAMPLED
 
+Layers = Mapping[str, Float2D]
+"""Numbers (H, W) of cells beside heights, by name."""
 _SINGLE_STEP = Term("steepest single step", "°", "", "", "hard_gradient_deg")
 """What else a cell is limited by."""
 
@@ -93,7 +101,7 @@ class Traversability:
         for name, value in vars(self).items():
             if not (value > 0.0 or name.endswith("_weight")):
                 raise InvalidMapError(f"{name} must be greater than 0, got {value}")
-        weights = self.of_terms("weight")
+        weights = [value for name, value in vars(self).items() if name.endswith("_weight")]
         if not (min(weights) >= 0.0 and math.isclose(sum(weights), 1.0, abs_tol=1e-6)):
             raise InvalidMapError(f"the weights must be at least 0 and sum to 1, got {weights}")
 
@@ -104,6 +112,20 @@ class Traversability:
             math.radians(value) if name.endswith("_deg") else value
             for name, value in values.items()
         ]
+
+    def added(self, layers: Layers, part: Rectangle) -> Float2D:
+        """(h, w) what layers add to the costs of a part of the map, inf beyond a hard limit; (0, 0)
+        without any. A number that is not known counts as its limit.
+        """
+        found = []
+        for term in LAYER_TERMS:
+            if term.words in layers:
+                numbers = layers[term.words][slices(part)]
+                share = np.fmin(np.maximum(numbers, 0.0) / getattr(self, term.limit), 1.0)
+                beyond = numbers > getattr(self, term.hard)
+                found.append(np.where(beyond, np.inf, getattr(self, term.weight) * share))
+        none = np.empty((0, 0), np.float32)
+        return np.sum(found, axis=0, dtype=np.float32) if found else none
 
     @property
     def body_weights(self) -> tuple[float, float, float]:
@@ -135,6 +157,7 @@ def traversability_cost(
     *,
     cell_width_m: float | None = None,
     warn: bool = True,
+    layers: Layers | None = None,
 ) -> Float2D:
     """Cost of crossing each cell, from slope, roughness and elevation difference.
 
@@ -148,6 +171,8 @@ def traversability_cost(
         Limits and weights; the paper's if not given.
     warn : bool
         Whether to issue a `SaturationWarning` where it applies.
+    layers : dict of (H, W) float
+        Numbers of further terms (`options.LAYER_TERMS`), by name.
 
     Returns
     -------
@@ -183,7 +208,11 @@ def traversability_cost(
     )
     if warn:
         warn_of_saturation(heights, limits, sides)
-    return cost.reshape(heights.shape)
+    of_heights = cost.reshape(heights.shape)
+    if not layers:
+        return of_heights
+    of_heights += limits.added(layers, (0, 0, rows, cols))
+    return np.minimum(of_heights, MOST_COST, out=of_heights, where=of_heights < np.inf)
 
 
 def terrain_terms(
@@ -197,7 +226,7 @@ def terrain_terms(
 
 
 def _terms(
-    heights: Float2D, sides_m: tuple[float, float], apart: tuple[int, int] = (1, 1)
+    heights: Float2D, sides_m: Sides, apart: tuple[int, int] = (1, 1)
 ) -> NDArray[np.float64]:
     """(N, h, w) terms of cells that lie so many rows and columns apart."""
     shape = [
@@ -208,7 +237,7 @@ def _terms(
     return out
 
 
-def _told_at(dem: Float2D, cell: Cell, sides_m: tuple[float, float]) -> list[tuple[Term, float]]:
+def _told_at(dem: Float2D, cell: Cell, sides_m: Sides) -> list[tuple[Term, float]]:
     """Terms of a cell and its steepest step to a known neighbour, in the units of their limits;
     nothing of an unknown one.
     """
@@ -230,7 +259,7 @@ def _told_at(dem: Float2D, cell: Cell, sides_m: tuple[float, float]) -> list[tup
     ]
 
 
-def terms_in_words(dem: Float2D, cell: Cell, sides_m: tuple[float, float]) -> str:
+def terms_in_words(dem: Float2D, cell: Cell, sides_m: Sides) -> str:
     """Terms of a cell, and its steepest step; empty for an unknown one."""
     words = []
     for term, value in _told_at(dem, cell, sides_m):
@@ -239,9 +268,7 @@ def terms_in_words(dem: Float2D, cell: Cell, sides_m: tuple[float, float]) -> st
     return ", ".join(words)
 
 
-def why_impassable(
-    dem: Float2D, cell: Cell, sides_m: tuple[float, float], limits: Traversability
-) -> str:
+def why_impassable(dem: Float2D, cell: Cell, sides_m: Sides, limits: Traversability) -> str:
     """Why a cell is impassable, which it is: the limit that it passes."""
     told = _told_at(dem, cell, sides_m)
     for term, value in told:
@@ -253,7 +280,7 @@ def why_impassable(
     return f"{names} are all at their limits" if told else "its elevation is unknown"
 
 
-def sides_of(cell_size_m: float, cell_width_m: float | None) -> tuple[float, float]:
+def sides_of(cell_size_m: float, cell_width_m: float | None) -> Sides:
     """Height and width of a cell; InvalidMapError where one is not a positive number."""
     dy = float(cell_size_m)
     dx = float(cell_size_m if cell_width_m is None else cell_width_m)
@@ -287,7 +314,7 @@ def relative_heights(dem: ArrayLike, base: float | None = None) -> tuple[Float2D
 def warn_of_saturation(
     heights: Float2D,
     limits: Traversability,
-    sides_m: tuple[float, float],
+    sides_m: Sides,
     stacklevel: int = 4,
 ) -> None:
     """`SaturationWarning` where one applies, by a sample of the cells."""

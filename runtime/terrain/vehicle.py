@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.errors import InvalidMapError
+from nnpp_edge.runtime.options import KINDS, Kind
 
 _INSIDE = 1e-9
 """Share by which the wheels may lie outside the body."""
@@ -78,17 +79,15 @@ class Vehicle:
     """Metres of level ground as dear as each change from forwards to backwards, or back."""
 
     def __post_init__(self) -> None:
-        if self.radius_m is not None:
+        if self.as_body is None:
             self._check_metres(_LARGEST_M, "radius_m")
-            self._check_metres(_WIDEST_TURN * self.radius_m, "turning_radius_m")
-            of_a_disc = "radius_m", "turning_radius_m"
-            if any(
-                getattr(self, each.name) != each.default
-                for each in fields(self)
-                if each.name not in of_a_disc
-            ):
+            self._check_metres(_WIDEST_TURN * (self.radius_m or math.inf), "turning_radius_m")
+            kind = self.kind
+            given = {each.name for each in fields(self) if getattr(self, each.name) != each.default}
+            if not given <= {kind.key, *kind.values}:
                 raise InvalidMapError(
-                    "a vehicle with a radius is a disc: wanted no other values beside radius_m"
+                    f"a vehicle with {kind.key} is a {kind.name}: wanted no other values beside "
+                    f"{kind.key}"
                 )
             return
         self._check_metres(_LARGEST_M, "length_m", "width_m")
@@ -157,9 +156,14 @@ class Vehicle:
                 )
 
     @property
+    def kind(self) -> Kind:
+        """Its kind."""
+        return next(kind for kind in KINDS if getattr(self, kind.key) is not None)
+
+    @property
     def as_body(self) -> "Vehicle | None":
-        """Itself, if its poses decide where paths may go; None of a disc."""
-        return self if self.radius_m is None else None
+        """Itself, if its poses decide where paths may go; else None."""
+        return self if self.kind.name == "body" else None
 
     @property
     def bytes_per_cell(self) -> int:
@@ -168,7 +172,7 @@ class Vehicle:
         For a body a height, a code for each motion, and g and parent of each state: a direction,
         and a gear where a change costs. A disc has a point's map beside its own.
         """
-        if self.radius_m is not None:
+        if self.as_body is None:
             return 12
         motions_of_cell = 16 if self.turning_radius_m is None else 32
         gears = 2 if self.reverse_cost is not None and self.gear_change_m else 1

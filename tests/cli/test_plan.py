@@ -22,7 +22,7 @@ from nnpp_edge.runtime import (
 )
 from nnpp_edge.runtime.network import loading
 from nnpp_edge.runtime.planners import planner
-from nnpp_edge.runtime.planners.query import Work
+from nnpp_edge.runtime.stopwatch import Work
 from nnpp_edge.terrain import dem as dem_module
 from nnpp_edge.terrain.vehicle_files import load_vehicle
 from tests.cli.grounds import ENDS, PLACE, rolling, written

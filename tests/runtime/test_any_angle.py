@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 
 from nnpp_edge.runtime import DynamicPlanner, Ground, Planner, Vehicle
 from nnpp_edge.runtime.deadline import Deadline
-from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.any_angle import NO_DISC, line_cost
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.planners.refine import Refiner
@@ -188,11 +187,3 @@ def test_lines_of_elevations_computed_where_somebody_looks_are_those_of_all():
         each.plan((4, 5), (140, 160), method="corridor", refine="any-angle") for each in planners
     ]
     assert plans[0].line_cost == pytest.approx(plans[1].line_cost, rel=1e-9)
-
-
-def test_a_bodys_path_is_not_freed():
-    planner = Planner.of_elevation(
-        np.zeros((40, 40)), 0.5, vehicle=Vehicle(1.2, 0.8, 0.3), warn=False
-    )
-    with pytest.raises(InvalidQueryError, match="a body's legs lead in 16 directions"):
-        planner.plan((10, 10), (20, 30), refine="any-angle")

@@ -1,5 +1,5 @@
-"""Plans of a body that drives arcs, beside Dijkstra over a lattice that is built anew, and the
-drive itself.
+"""Plans of a body that drives arcs, and the drive itself. Beside Dijkstra's algorithm over a
+lattice of its own they are in `test_robots`.
 
 More cases: ``NNPP_EDGE_MAPS=500 pytest tests/runtime/test_arcs.py``.
 """
@@ -23,104 +23,24 @@ from nnpp_edge.runtime import (
     Source,
     Vehicle,
 )
-from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, Status
-from nnpp_edge.runtime.kernels.poses import AXIS_COUNT, FAILS, MOST_CODE
+from nnpp_edge.runtime.errors import Status
+from nnpp_edge.runtime.kernels.poses import AXIS_COUNT
 from nnpp_edge.runtime.planners import joining
 from nnpp_edge.runtime.planners.standing_path import StandingPath
-from nnpp_edge.runtime.robots.body import search
-from nnpp_edge.runtime.robots.body.arcs import heading_deg
 from nnpp_edge.runtime.robots.body.primitives import primitives
 from nnpp_edge.terrain.dem import sample_dem
-from tests import oracles, pose_oracles
-from tests.pose_oracles import DIRECTIONS, rocks
-from tests.strategies import scrambled
+from tests import pose_oracles
+from tests.pose_oracles import bend, rocks
+from tests.worlds import CAR, CARS
 
 MAPS = int(os.environ.get("NNPP_EDGE_MAPS", "6"))
 CELL_M = 0.25
-OMEGA = 0.011
-CAR = Vehicle(1.3, 0.9, 0.3, wheel_length_m=0.21, wheel_width_m=0.13, turning_radius_m=1.1)
-KINDS = (
-    CAR,
-    replace(CAR, reverse_cost=1.5),
-    replace(CAR, reverse_cost=2.0, gear_change_m=0.7, turning_radius_m=0.6),
-    replace(CAR, turns_on_spot=True, reverse_cost=3.0, gear_change_m=0.4),
-)
 pytestmark = pytest.mark.filterwarnings("ignore:the network .* was trained for omega")
 
 
 def planner(dem, vehicle=CAR, **options):
     options.setdefault("cell_size_m", CELL_M)
     return Planner.of_elevation(dem, vehicle=vehicle, warn=False, **options)
-
-
-# --- the lattice, by geometry of its own: an arc touches the lines of two directions, which cross at a point
-
-
-def angle_of(k, sides):
-    return math.atan2(DIRECTIONS[k][1] * sides[1], DIRECTIONS[k][0] * sides[0])
-
-
-def turn_of(k, sides):
-    """Radians from a direction to the next."""
-    return (angle_of((k + 1) % 16, sides) - angle_of(k, sides)) % (2.0 * math.pi)
-
-
-def bend(k, sides, radius):
-    """(row, col) to which the shortest arc to the left from a direction leads, and its metres."""
-    after = (k + 1) % 16
-    turn = turn_of(k, sides)
-    units = [
-        math.hypot(DIRECTIONS[at][0] * sides[0], DIRECTIONS[at][1] * sides[1]) for at in (k, after)
-    ]
-    wanted = radius * math.tan(turn / 2.0)
-    a, b = (next(n for n in itertools.count(1) if n * unit >= wanted - 1e-9) for unit in units)
-    touch = min(a * units[0], b * units[1])
-    place = tuple(a * DIRECTIONS[k][axis] + b * DIRECTIONS[after][axis] for axis in (0, 1))
-    return place, a * units[0] + b * units[1] - 2.0 * touch + touch / math.tan(turn / 2.0) * turn
-
-
-def ways_from(k, vehicle, sides):
-    """From a heading: (row, col, heading, gear, motion, whether that begins where it leads to,
-    cells, metres).
-    """
-    for gear in (1,) if vehicle.reverse_cost is None else (1, -1):
-        ahead = (k if gear > 0 else k + 8) % 16
-        length = math.hypot(*DIRECTIONS[k])
-        yield *DIRECTIONS[ahead], k, gear, k % 8, ahead >= 8, length, 0.0
-        for side in (1, -1):
-            # rightwards is the arc that comes from where this one leads to, the other way round
-            arc = ahead if side > 0 else (ahead + 7) % 16
-            (down, right), metres = bend(arc, sides, vehicle.turning_radius_m)
-            cells = metres / min(sides)
-            yield side * down, side * right, (k + side) % 16, gear, 16 + arc, side < 0, cells, 0.0
-    if vehicle.turns_on_spot:
-        for side in (1, -1):
-            first = k if side > 0 else (k - 1) % 16
-            metres = turn_of(first, sides) * vehicle.turn_m_per_rad
-            yield 0, 0, (k + side) % 16, 0, 8 + first % 8, False, 0.0, metres
-
-
-def dijkstra(codes, vehicle, sides, scale, starts):
-    """(H, W, 16, 3) cost of the cheapest way from one of some states to each; a state's last index
-    is the gear it was come to in.
-    """
-    shape = (*codes.shape[:2], 16, 3)
-    states = np.arange(math.prod(shape)).reshape(shape)
-    found = []
-    for k in range(16):
-        for way in ways_from(k, vehicle, sides):
-            down, right, to, gear, motion, begins_there, cells, metres = way
-            ends = pose_oracles.between(shape[:2], (down, right))
-            code = codes[(*ends[begins_there], motion)]
-            fare = cells * (vehicle.reverse_cost if gear < 0 else 1.0)
-            price = fare * (1.0 + 2.0 * scale * (code - 1.0) / MOST_CODE) + metres / sides[0]
-            price[code >= FAILS] = math.inf
-            for before in (1, -1):
-                after = gear or before
-                change = vehicle.gear_change_m / sides[0] if after != before else 0.0
-                one, other = states[(*ends[0], k, before)], states[(*ends[1], to, after)]
-                found.append((one, other, price + change))
-    return oracles.costs_from(oracles.possible(found), shape, *starts)
 
 
 def of_both(made, *ends, **options):
@@ -139,69 +59,6 @@ def best_cost(dem, start, heading, goal, vehicle=CAR, to_heading=None):
     """Of the whole map, searched by a new planner."""
     ends = {"start_heading_deg": heading, "goal_heading_deg": to_heading}
     return planner(dem, vehicle).plan(start, goal, method="astar", **ends).cost
-
-
-@pytest.mark.parametrize("vehicle", KINDS)
-def test_searches_over_arcs_are_dijkstras_over_a_lattice_built_anew(vehicle, monkeypatch):
-    for seed in range(MAPS):
-        monkeypatch.setattr(
-            search, "AROUND_GOAL", (24, 4096)[seed % 3 == 2]
-        )  # so few seldom come to the start
-        width = (CELL_M, 0.2)[seed % 2]
-        shape = (17, 21) if vehicle.reverse_cost else (31, 35)  # forwards alone takes room
-        made = planner(
-            np.zeros(shape), vehicle, cell_width_m=width, omega=(OMEGA, 0.0)[seed // 2 % 2]
-        )
-        codes = scrambled(made, seed)
-        sides = (CELL_M, width)
-        scale = 255.0 * (OMEGA, 0.0)[seed // 2 % 2]
-        rng = np.random.default_rng(seed)
-        for begin, end in itertools.product((None, int(rng.integers(16))), repeat=2):
-            start, goal = (
-                tuple(cell)
-                for cell in rng.integers(4, (shape[0] - 4, shape[1] - 4), (2, 2)).tolist()
-            )
-            starts = range(16) if begin is None else (begin,)
-            gears = (1, -1) if begin is None and vehicle.gear_change_m else (1,)
-            costs = dijkstra(
-                codes, vehicle, sides, scale, [(*start, k, g) for k in starts for g in gears]
-            )
-            best = costs[goal][slice(None) if end is None else end].min()
-            headings = [None if k is None else heading_deg(k, sides) for k in (begin, end)]
-            options = {"start_heading_deg": headings[0], "goal_heading_deg": headings[1]}
-            exact, other = of_both(made, start, goal, **options)
-            assert exact.cost == pytest.approx(best, rel=1e-5) and exact.ok == other.ok
-            assert other.cost >= best * (1.0 - 1e-5) and other.lower_bound <= best * (1.0 + 1e-5)
-            if not exact.ok:
-                continue
-            for plan in (exact, other):
-                assert begin is None or plan.states[0] % 16 == begin
-                assert end is None or plan.states[-1] % 16 == end
-                assert plan.path[0].tolist() == [*start] and plan.path[-1].tolist() == [*goal]
-                walked = np.zeros(len(plan.path))
-                assert made.state.grid.walk(plan.walked, 0, walked) == -1
-                assert walked[-1] == pytest.approx(plan.cost, rel=1e-5)
-
-
-@pytest.mark.parametrize("vehicle", KINDS)
-def test_what_is_checked_where_a_search_looks_is_what_all_at_once_gives_and_patches_keep_it_so(
-    vehicle,
-):
-    for seed in range(MAPS // 2):
-        dem = rocks(seed, 40, 44, 0.01)
-        rng = np.random.default_rng(seed)
-        lazy = planner(dem, vehicle)
-        for _ in range(4):
-            row, col = rng.integers(0, (34, 38)).tolist()
-            dem[row : row + 5, col : col + 5] += np.float32(rng.choice((0.0, 0.3)))
-            lazy.update_elevation(row, col, dem[row : row + 5, col : col + 5])
-            ends = [tuple(cell) for cell in rng.integers(5, 35, (2, 2)).tolist()]
-            plans = [
-                each.plan(*ends, method="astar")
-                for each in (lazy, planner(dem, vehicle, lazy=False))
-            ]
-            assert plans[0].status is plans[1].status
-            assert plans[0].cost == pytest.approx(plans[1].cost, rel=1e-5)
 
 
 def driven(plan, every_m=0.02):
@@ -227,7 +84,7 @@ def driven(plan, every_m=0.02):
     return np.array(places), np.array(headings)
 
 
-@pytest.mark.parametrize("vehicle", KINDS)
+@pytest.mark.parametrize("vehicle", CARS)
 def test_arcs_join_keep_the_radius_and_break_no_limit_between_the_cells(vehicle):
     metres = 0.0
     for seed in range(max(MAPS // 2, 3)):
@@ -286,13 +143,13 @@ def test_an_unswept_arc_breaks_a_limit_that_the_swept_one_is_refused_for(monkeyp
 
 def test_primitives_of_a_wide_turn_are_long_and_no_curve_is_shorter_than_their_bound():
     for radius, sides in itertools.product((0.3, 1.0, 4.0), ((0.25, 0.25), (0.25, 0.2))):
-        found = primitives(replace(CAR, turning_radius_m=radius), sides)
+        found, shortest = primitives(replace(CAR, turning_radius_m=radius), sides)
         for k in range(16):
             place, metres = bend(k, sides, radius)
             at = 16 + 2 * k
             assert tuple(found.rays[at, :2]) == place and found.rays[at, 3] == 2 * AXIS_COUNT + k
             assert found.ray_fares[at] == pytest.approx(metres / min(sides), rel=1e-6)
-        assert 0.97 < found.shortest <= 1.0
+        assert 0.97 < shortest <= 1.0
 
 
 def test_a_corridor_to_a_goal_with_a_heading_is_hardly_more_work_than_the_whole_map():
@@ -311,7 +168,7 @@ def test_a_corridor_to_a_goal_with_a_heading_is_hardly_more_work_than_the_whole_
         headings = {"start_heading_deg": begin, "goal_heading_deg": heading}
         exact, other = of_both(made, start, goal, **headings)
         assert exact.status is other.status and (not exact.ok or other.cost <= 1.02 * exact.cost)
-        assert other.expansions <= 1.25 * exact.expansions
+        assert other.expansions <= (1.25 * exact.expansions if exact.ok else 4_000)
 
 
 @pytest.mark.parametrize("headings", ({"start_heading_deg": 270.0}, {"goal_heading_deg": 270.0}))
@@ -382,22 +239,6 @@ def test_where_a_standing_path_crosses_itself_the_heading_says_how_far_the_robot
     assert [path.check((30, 30), each).index for each in directions] == crossing
 
 
-def test_headings_that_are_none_and_vehicles_without_them_are_refused():
-    made = planner(np.zeros((40, 40)))
-    for options in (
-        {"start_heading_deg": math.nan},
-        {"goal_heading_deg": 9.0, "goal_tolerance_deg": -1.0},
-    ):
-        with pytest.raises(InvalidQueryError, match="headings must be numbers of degrees"):
-            made.plan((10, 10), (30, 30), **options)
-    with pytest.raises(InvalidQueryError, match="want a vehicle's body"):
-        Planner(np.zeros((9, 9))).plan((1, 1), (5, 5), start_heading_deg=3.0)
-    with pytest.raises(InvalidMapError, match="arcs have the paper's cost"):
-        Planner.of_elevation(
-            np.zeros((40, 40)), 0.25, vehicle=made.state.vehicle, step_cost="tobler"
-        )
-
-
 def test_the_way_between_the_same_cells_depends_on_the_headings():
     made = planner(np.zeros((60, 60)))
     straight = made.plan((30, 10), (30, 50), start_heading_deg=90.0)
@@ -412,7 +253,7 @@ def test_the_way_between_the_same_cells_depends_on_the_headings():
     )
 
 
-@pytest.mark.parametrize("vehicle", KINDS)
+@pytest.mark.parametrize("vehicle", CARS)
 @pytest.mark.parametrize("best_order", [False, True])
 def test_a_tour_of_arcs_is_driven_on_through_its_stops(vehicle, best_order):
     made = planner(np.zeros((60, 60), np.float32), vehicle)
@@ -433,17 +274,6 @@ def test_a_tour_of_arcs_is_driven_on_through_its_stops(vehicle, best_order):
         )
 
 
-@pytest.mark.parametrize(("vehicle", "seed"), [(CAR, 6), (replace(CAR, turning_radius_m=None), 11)])
-def test_the_best_order_never_costs_a_body_more_than_the_order_given(vehicle, seed):
-    """Legs alone do not say what it costs to set out on one as the body came from another."""
-    made = planner(rocks(seed, 60, 60, 0.003), vehicle)
-    start, *via, goal = np.random.default_rng(seed).integers(8, 52, (5, 2)).tolist()
-    given, best = (
-        made.plan_via(start, goal, via, method="astar", best_order=best) for best in (False, True)
-    )
-    assert given.plan.ok and best.plan.cost <= best.given_cost == given.plan.cost
-
-
 def test_a_robot_on_a_goal_that_has_become_impassable_does_not_stand_well():
     for vehicle in (CAR, replace(CAR, turning_radius_m=None)):
         moving = drives(np.zeros((40, 40)), (20, 12), 90.0, (20, 20), vehicle)
@@ -452,43 +282,6 @@ def test_a_robot_on_a_goal_that_has_become_impassable_does_not_stand_well():
         assert moving.standing().valid
         moving.update_elevation(20, 20, np.full((1, 1), 3.0))
         assert not moving.standing().valid
-
-
-def test_a_moving_planner_begins_as_the_robot_stands_and_is_as_good_as_a_new_one():
-    dem = rocks(3, 80, 80, 0.004)
-    goal = (66, 70)
-    vehicle = replace(CAR, reverse_cost=2.0)
-    moving = DynamicPlanner.of_elevation(dem, CELL_M, goal, vehicle=vehicle)
-    cell = (10, 12)
-    heading = 200.0
-    rng = np.random.default_rng(0)
-    sources = []
-    for _ in range(12):
-        moving.move(cell, heading)
-        plan = moving.replan()
-        sources.append(plan.source)
-        best = best_cost(dem, cell, heading, goal, vehicle)
-        assert plan.ok and best * (1.0 - 1e-5) <= plan.cost <= 1.3 * best
-        assert plan.lower_bound <= best * (1.0 + 1e-5)
-        assert pose_oracles.breaks_at(dem, CELL_M, vehicle, *driven(plan)) is None
-        assert moving.standing().valid
-        at = min(3, len(plan.path) - 1)
-        rest = plan.rest(at)
-        assert rest.path.tolist() == plan.path[at:].tolist()
-        assert rest.poses[0] == pytest.approx(
-            (*(plan.path[at, ::-1] * CELL_M), plan.headings_deg[at]), abs=1e-6
-        )
-        cell = tuple(plan.path[at].tolist())
-        heading = float(plan.headings_deg[at])
-        if len(plan.path) < 12:
-            break
-        row, col = plan.path[len(plan.path) // 2].tolist()
-        row = int(np.clip(row + rng.integers(-8, 9), 0, 77))
-        col = int(np.clip(col + rng.integers(-8, 9), 0, 77))
-        if min(max(abs(row - i), abs(col - j)) for i, j in (cell, goal)) > 10:
-            dem[row : row + 2, col : col + 2] += 0.4
-        moving.update_elevation(row, col, dem[row : row + 2, col : col + 2])
-    assert sources.count(Source.STANDING) >= 5
 
 
 def test_the_loop_goes_to_a_goal_with_a_heading_and_to_another_when_that_changes():

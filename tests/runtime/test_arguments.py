@@ -192,13 +192,20 @@ POINT = Planner(FLAT)
 HEAVY = Planner(FLAT + 0.2, step_cost="length")
 ON_HEIGHTS = Planner.of_elevation(FLAT, 1.0)
 BODY = Vehicle(1.5, 1.2, 0.3)
+SIZES = {"length_m": 1.6, "width_m": 1.2, "clearance_m": 0.3}
+CAR = Vehicle(1.5, 1.2, 0.3, turning_radius_m=2.0)
 DISC = Vehicle(radius_m=1.2)
+ON_BODY = Planner.of_elevation(FLAT, 0.25, vehicle=BODY)
+WALLED = Planner(np.where(np.arange(40) == 20, np.inf, FLAT))
+MEANS = FLAT[:8, :8]
 ON_DISC = Planner(FLAT, vehicle=DISC, cell_size_m=0.5)
 MOVING = DynamicPlanner(FLAT, (9, 9), "corridor-dstar")
 TOBLER = Planner.of_elevation(FLAT, 1.0, step_cost="tobler")
 NO_MAP = np.zeros((3, 3, 3)), np.zeros((0, 3)), np.array([["a"]]), [[1.0, 2.0], [1.0]], np.ones(3)
 TOO_LARGE = (np.full((2, 2), 1e39), np.full((2, 2), -1.7e308))
 TOO_FAR = (1.1e30, 3.4e38, 0.0, 1e-39)
+NO_SIZE = (0.0, -0.1, math.inf, -math.inf, NAN)
+NO_ANGLE = (0.0, -5.0, 90.0, 91.0, math.inf, NAN)
 CELLS = (np.inf, 0), (NAN, 0), (0.5, 1), (1, 2, 3), "ab", None, (1e400, 2)
 PLANNERS = POINT, HEAVY, ON_DISC, ON_HEIGHTS, MOVING
 REFUSED = r"""
@@ -249,6 +256,50 @@ Planner.of_elevation(FLAT, 1.0, step_cost=X) | 'length' | one of paper, tobler.*
 Planner.of_elevation(FLAT[:10, :16], 0.25, vehicle=Vehicle(*X, 0.3)) | (4.3, 0.9), (3.0, 2.9) | map
 pose_costs(FLAT[:10, :16], 0.25, Vehicle(*X, 0.3)) | (4.3, 0.9), (3.0, 2.9) | map
 pose_costs(FLAT, 0.5, X) | DISC | a disc has no poses
+POINT.plan(*PAIR, start_heading_deg=X) | 3.0 | want a vehicle's body
+ON_BODY.plan((9, 9), (30, 30), start_heading_deg=X) | NAN | headings must be numbers of degrees
+ON_BODY.plan((9, 9), (30, 30), goal_heading_deg=9.0, goal_tolerance_deg=X) | -1.0 | headings must be
+ON_BODY.plan((10, 10), (20, 30), refine=X) | 'any-angle' | a body's legs lead in 16 directions
+POINT.explain(X, 0.0) | (2, 2) | wanted a vehicle with length, width and clearance
+ON_BODY.explain(X, 0.0) | (40, 2) | map of 40 × 40
+ON_BODY.explain(X, 0.0) | 3 | cell
+ON_BODY.explain((2, 2), X) | NAN, 'north' | heading_deg
+POINT.reach((1, 1), X) | -1.0 | within
+WALLED.reach(X) | (9, 20) | is impassable
+WALLED.reach(X) | (40, 3) | outside the map
+WALLED.reach(X) | (0.5, 1) | two whole numbers
+WALLED.prepare(goals=[X]) | (4, 20) | goal \(4, 20\): blocked
+WALLED.prepare(goals=[X]) | (4, 400) | outside map
+WALLED.prepare(landmarks=X, goals=[(0, 0)]) | 8 | at most 8
+WALLED.plan_via((1, 1), (9, 9), [(2, 2), X]) | (7, 20) | via 2, \(7, 20\), is impassable
+WALLED.plan_via((1, 1), (9, 9), [(2, 2), X], best_order=True) | (7, 20) | via 2, \(7, 20\), is impa
+WALLED.plan_via((1, 1), (9, 9), [X]) | (2, 40) | via 1, \(2, 40\), lies outside the map
+WALLED.plan_via((1, 1), (9, 9), [(2, 2), X]) | (1.5, 2) | via 2 must be two whole numbers
+POINT.plan_via((0, 0), (0, 39), X, best_order=True) | [(1, 1)] * 13 | at most 12 places, got 13
+MOVING.first_blocked(np.array(X, int)) | [(5, 5), (40, 5)], [(5, -1)], [(10**6, 5)] | path must lie on
+POINT.state.grid.walk(np.zeros((2, 2), int), 0, np.empty(X)) | 1 | wanted room for 2 costs, got 1
+Planner.of_coarse(MEANS, 1.0, factor=X) | 0 | factor must be at least 1, got 0
+Planner.of_coarse(MEANS, 1.0, 4, prior=X) | 'best' | prior must be one of network, slope, got 'best'
+Planner.of_coarse(MEANS, 1.0, 4, step_cost=X) | 'tobler' | a coarse map is for points and bodies
+Planner.of_coarse(MEANS, 1.0, 4, vehicle=X) | DISC | and no radius_m
+Ground(MEANS, factor=X) | 4 | a coarse map has elevations
+Planner.of_elevation(FLAT, 1.0, vehicle=CAR, step_cost=X) | 'tobler' | arcs have the paper's cost
+Vehicle(X, 1.2, 0.3) | *NO_SIZE | length_m .* got (0|-0.1|-?inf|nan)
+Vehicle(1.6, X, 0.3) | *NO_SIZE | width_m .* got (0|-0.1|-?inf|nan)
+Vehicle(1.6, 1.2, X) | *NO_SIZE | clearance_m .* got (0|-0.1|-?inf|nan)
+Vehicle(**SIZES, max_step_m=X) | *NO_SIZE | max_step_m .* got (0|-0.1|-?inf|nan)
+Vehicle(**SIZES, wheelbase_m=X) | *NO_SIZE | wheelbase_m .* got (0|-0.1|-?inf|nan)
+Vehicle(**SIZES, track_m=X) | *NO_SIZE | track_m .* got (0|-0.1|-?inf|nan)
+Vehicle(**SIZES, wheel_length_m=X) | *NO_SIZE | wheel_length_m .* got (0|-0.1|-?inf|nan)
+Vehicle(**SIZES, wheel_width_m=X) | *NO_SIZE | wheel_width_m .* got (0|-0.1|-?inf|nan)
+Vehicle(**SIZES, max_tilt_deg=X) | *NO_ANGLE | max_tilt_deg .* got (0|-5|9[01]|inf|nan)
+Vehicle(**SIZES, max_pitch_deg=X) | *NO_ANGLE | max_pitch_deg .* got (0|-5|9[01]|inf|nan)
+Vehicle(**SIZES, max_roll_deg=X) | *NO_ANGLE | max_roll_deg .* got (0|-5|9[01]|inf|nan)
+Vehicle(**SIZES, turn_cost_m_per_rad=X) | -0.1, math.inf, NAN | turn_cost_m_per_rad .* got (-0.1|inf|nan)
+Vehicle(**SIZES, axles=X) | 0, 1, 9, -2, 2.5, 3.0, NAN, True | axles .* got (0|1|9|-2|2.5|3.0|nan|True)
+Vehicle(**SIZES, reserve=X) | 1.0 | reserve must be a share
+Vehicle(radius_m=X) | 400.0 | must be in metres
+Vehicle(radius_m=0.3, turning_radius_m=X) | 500.0 | must be in metres
 Vehicle(1.5, 1.2, 0.3, radius_m=X) | 1.0 | wanted no other values
 Vehicle(radius_m=X) | -1.0, 0.0 | radius_m must be a positive
 traversability_cost(X, 1.0) | *NO_MAP[:2] | dem

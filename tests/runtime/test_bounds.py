@@ -16,7 +16,6 @@ from nnpp_edge.runtime import (
     Vehicle,
 )
 from tests import oracles
-from tests.fuzz import bodies
 from tests.pose_oracles import rocks
 from tests.strategies import uniform
 
@@ -107,32 +106,6 @@ def test_every_methods_bound_holds_and_is_as_close_as_asked(network, method, eps
             assert (
                 sources[Source.REGION] + sources[Source.WIDENED] >= 2
             )  # else the bound was an exact search's
-
-
-@pytest.mark.parametrize("method", ["astar", "corridor", "nnpp"])
-@pytest.mark.filterwarnings("ignore::UserWarning")
-def test_the_bound_of_a_bodys_path_holds(method):
-    rover = Vehicle(length_m=1.2, width_m=0.9, clearance_m=0.3, max_tilt_deg=30.0)
-    cell_m = 0.25
-    for seed in range(4):
-        rng = np.random.default_rng(seed)
-        row, col = np.mgrid[:80, :80]
-        dem = (0.1 * np.sin(col / 6.0 + seed) * np.cos(row / 5.0)).astype(np.float32)
-        for at in rng.integers(0, 80, (60, 2)):
-            dem[tuple(at)] += rng.uniform(0.05, 0.4)
-        dem[:12, :12] = dem[-12:, -12:] = 0.0
-        start = (6, 6)
-        goal = (73, 73)
-        planner = Planner.of_elevation(dem, cell_m, vehicle=rover, warn=False, ask_from=0)
-        plan = planner.plan(start, goal, method=method)
-        assert plan.ok and plan.lower_bound > 0.5 * plan.cost
-        stands = np.ones(dem.shape, bool)
-        assert (
-            bodies.problem_with_plan(
-                plan, bodies.priced(planner, 0.011), stands, start, goal, method == "astar"
-            )
-            is None
-        )
 
 
 @pytest.mark.parametrize("ends", [("start",), ("goal",), ("start", "goal")])

@@ -4,154 +4,19 @@ import gc
 import math
 from collections import deque
 from dataclasses import replace
-from functools import partial
-from unittest.mock import patch as replaced
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
-from nnpp_edge.runtime import DynamicMethod, DynamicPlanner, Planner
+from nnpp_edge.runtime import DynamicPlanner, Planner
 from nnpp_edge.runtime.cells import enclosing
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.map import state as state_module
 from nnpp_edge.runtime.map.changes import MANY_NODES, Change, ChangeLog
 from nnpp_edge.runtime.planners.standing_path import Footing, StandingPath
 from tests import oracles
-from tests.strategies import flat, random_cell, random_costs, random_patch, state_of, uniform
-
-CLOSE = {"rel": 1e-5, "abs": 1e-5}
-PATCHES = ("part", "part", "part", "extremes", "whole")
-ASKED = (*DynamicMethod, "stand", "stand", "stand")
-STEPS = st.lists(st.sampled_from((*PATCHES * 3, *ASKED, "move", "goal")), max_size=30)
-
-
-def changed(rng, cost, step_cost, kind):
-    """Where a patch goes, and what it holds: a part, weights below and above all so far, or the
-    whole map anew.
-    """
-    if kind == "whole":
-        new = cost * np.float32(rng.choice([0.5, 1.0, 1.2]))
-        new[(new >= 1.0) & (step_cost == "paper")] = np.inf
-        new[rng.random(cost.shape) < 0.05] = 0.3
-        return 0, 0, new
-    row, col, patch = random_patch(rng, cost, step_cost)
-    if kind == "extremes":  # in the `length` model all that is relative to them is out of date
-        finite = cost[np.isfinite(cost)]
-        least, greatest = (finite.min(), 1.5 * finite.max()) if finite.size else (0.4, 0.5)
-        greatest = min(greatest, 0.99) if step_cost == "paper" else greatest
-        patch = np.where(rng.random(patch.shape) < 0.5, least / 2, greatest).astype(np.float32)
-    return row, col, patch
-
-
-@settings(max_examples=40)
-@given(
-    steps=STEPS,
-    shape=st.sampled_from([(7, 12), (24, 31), (33, 150)]),
-    step_cost=st.sampled_from(["paper", "length"]),
-    corner_cutting=st.booleans(),
-    most=st.sampled_from([1, 2, 5, 64]),
-    seed=st.integers(0, 2**32),
-)
-@example(["astar", *["part"] * 9, "whole", "stand"] * 2, (24, 31), "length", True, 2, 5)
-@example(
-    ["auto", *["part", "auto", "corridor-dstar", "stand"] * 8], (33, 150), "paper", True, 64, 7
-)
-def test_a_planner_that_is_asked_at_any_time_answers_as_the_map_is(
-    network, steps, shape, step_cost, corner_cutting, most, seed
-):
-    """Of its changes all but a few are merged; `eager` is asked at once after each, and none of its
-    are.
-    """
-    rng = np.random.default_rng(seed)
-    cost = random_costs(rng, shape, step_cost, blocked=0.15)
-    start = random_cell(rng, shape)
-    goal = random_cell(rng, shape)
-    model = {"step_cost": step_cost, "corner_cutting": corner_cutting}
-    with replaced.object(state_module, "ChangeLog", partial(ChangeLog, most)):
-        planner = DynamicPlanner(cost, goal, "auto", model=network, **model)
-    eager = DynamicPlanner(cost, goal, "astar", **model)
-    both = (planner, eager)
-    alike = False
-    for step in ("move", *steps, *ASKED):
-        if step in PATCHES:
-            row, col, patch = changed(rng, cost, step_cost, step)
-            before = np.where(planner.state.grid.map() < np.inf, cost, np.inf)
-            cost[row : row + patch.shape[0], col : col + patch.shape[1]] = patch
-            differ = (
-                np.where(cost < (1.0 if step_cost == "paper" else np.inf), cost, np.inf) != before
-            ).sum()
-            assert [each.update(row, col, patch) for each in both] == [differ] * 2
-            eager.standing()
-        elif step == "goal":
-            goal = random_cell(rng, shape)
-            for each in both:
-                each.set_goal(goal)
-        elif step == "move":
-            path = planner.standing_plan.path if planner.standing_plan is not None else ()
-            start = (
-                tuple(path[int(rng.integers(len(path)))].tolist())
-                if len(path)
-                else random_cell(rng, shape)
-            )
-            for each in both:
-                each.move(start)
-        optimum = math.inf
-        if np.isfinite(cost[start]) and np.isfinite(cost[goal]):
-            optimum = oracles.dijkstra(cost, start, step_cost, corner_cutting)[goal]
-        if step == "stand":
-            found = planner.standing()
-            check_standing(found, planner.standing_plan, cost, optimum, model)
-            if found.index >= 0:
-                least = min(found.cost, planner.state.grid.least_cost(start, goal))
-                assert found.lower_bound >= least * (1 - 1e-6)
-            if alike:  # by the optimum
-                other = eager.standing()
-                assert (other.footing, other.blocked_at) == (found.footing, found.blocked_at)
-                bounds = other.cost, other.lower_bound, other.floor
-                assert bounds == pytest.approx(
-                    (found.cost, found.lower_bound, found.floor), **CLOSE
-                )
-                assert not found.valid or found.floor <= optimum * (1 + 2e-5) + 1e-5
-        elif step in tuple(DynamicMethod):
-            if rng.random() < 0.1:
-                planner.replan(method=step, time_limit_s=0.0)
-            plan = planner.replan(method=step)
-            assert plan.ok == math.isfinite(optimum)
-            if plan.ok:
-                assert oracles.path_problem(plan.path, cost, start, goal, corner_cutting) == ""
-                assert plan.cost == pytest.approx(
-                    oracles.path_cost(plan.path, cost, step_cost), **CLOSE
-                )
-                assert (
-                    plan.lower_bound * (1 - 1e-5) - 1e-5 <= optimum <= plan.cost * (1 + 1e-5) + 1e-5
-                )
-                assert plan.method not in ("astar", "dstar") or plan.cost == pytest.approx(
-                    optimum, **CLOSE
-                )
-            alike = step == "astar" and plan.ok
-            if alike:
-                assert eager.replan().cost == pytest.approx(plan.cost, **CLOSE)
-
-
-def check_standing(found, plan, cost, optimum, model):
-    """The standing path is what is left of it on the map as it is, and no path costs less than its
-    bound.
-    """
-    if found.footing in (Footing.NONE, Footing.OFF_PATH):
-        return
-    rest = plan.path[found.index :]
-    slack = 2e-5 * (plan.cost + 1.0)
-    problem = oracles.path_problem(rest, cost, rest[0], rest[-1], model["corner_cutting"])
-    assert found.valid == (problem == "")
-    assert found.lower_bound <= optimum + slack
-    if found.valid:
-        assert found.cost == pytest.approx(
-            oracles.path_cost(rest, cost, model["step_cost"]), **CLOSE
-        )
-        assert found.cost <= found.bound * optimum + slack
-
+from tests.strategies import flat, state_of, uniform
 
 # --- weights of any size
 

@@ -16,7 +16,7 @@ from nnpp_edge.runtime import warmup
 from nnpp_edge.runtime.compiled import cache, claims, places
 from nnpp_edge.runtime.compiled import kernel as compiling
 from nnpp_edge.runtime.errors import OutputError
-from nnpp_edge.runtime.stopwatch import Stopwatch
+from nnpp_edge.runtime.stopwatch import Work
 
 TYPES = np.int8, np.int32, np.int64, np.uint8, np.float32, np.float64
 
@@ -326,7 +326,7 @@ def test_a_warm_up_needs_no_help(folder, monkeypatch, python):
 def test_time_in_which_kernels_are_made_ready_is_a_stage_of_its_own(folder):
     """Compiled or read back, within a stage or before it."""
     for state in ("compiled", "read back"):
-        watch = Stopwatch()
+        watch = Work()
         compilations(double, 1)
         watch.stage_ends("coarse")
         watch.stage_ends("search")
@@ -334,7 +334,7 @@ def test_time_in_which_kernels_are_made_ready_is_a_stage_of_its_own(folder):
         assert list(timings) == ["kernels", "coarse", "search"], state
         assert timings["kernels"] > timings["coarse"] + timings["search"]
         assert sum(timings.values()) <= watch.total_ms()
-    again = Stopwatch()
+    again = Work()
     again.stage_ends("coarse")
     assert list(again.timings_ms) == ["coarse"]
 

@@ -184,17 +184,6 @@ def test_a_copy_of_a_planner_answers_alike_and_goes_its_own_way(copied):
         assert np.array_equal(again.path, wanted.path)
     assert other.update(0, 0, np.ones((SHAPE[0], 2))) == 2 * SHAPE[0]
     assert np.array_equal(plan("astar", START).path, before[-1].path)
-    planner, plan = dynamic_planner("edge")
-    for method in ("dstar", "nnpp-dstar", "corridor-dstar"):
-        plan(method, START)
-    planner.update(20, 20, np.full((3, 3), 0.4))
-    other = copied(planner)
-    assert (other.goal, other.method, other.standing().valid) == (GOAL, planner.method, True)
-    assert other.standing().cost == pytest.approx(planner.standing().cost)
-    assert other.standing().lower_bound <= planner.replan(method="dstar").cost
-    assert other.replan(method="dstar").cost == pytest.approx(
-        planner.replan(method="dstar").cost, rel=1e-6
-    )
 
 
 def test_what_a_plan_says_is_short_and_ready_for_json():

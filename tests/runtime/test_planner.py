@@ -4,8 +4,6 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from nnpp_edge.runtime import (
     DynamicPlanner,
@@ -19,9 +17,8 @@ from nnpp_edge.runtime import (
     Status,
     plan_path,
 )
-from nnpp_edge.runtime.errors import InvalidQueryError, ModelError
-from tests import oracles
-from tests.strategies import cases, flat, uniform
+from nnpp_edge.runtime.errors import ModelError
+from tests.strategies import flat, uniform
 
 
 def test_planners_run_in_parallel_threads():
@@ -61,23 +58,6 @@ def test_near_goals_are_found_by_exact_search_unless_the_way_is_long_and_auto_sa
 def test_another_omega_than_the_networks_is_said(network):
     with pytest.warns(UserWarning, match=r"trained for omega = 0\.011"):
         plan_path(flat(80, 80, 0.2), (0, 0), (70, 70), method="nnpp", omega=0.05, model=network)
-
-
-@given(cases(24), st.integers(1, 6), st.integers(1, 3), st.data())
-def test_the_nearest_of_several_goals_comes_first(case, goals, count, data):
-    passable = np.argwhere(np.isfinite(case.cost))
-    chosen = [
-        tuple(int(x) for x in passable[data.draw(st.integers(0, len(passable) - 1))])
-        for _ in range(goals)
-    ]
-    planner = Planner(case.cost, step_cost=case.step_cost, corner_cutting=case.corner_cutting)
-    ranked = planner.nearest(case.start, chosen, count=count, method="astar")
-    costs = oracles.dijkstra(case.cost, case.start, case.step_cost, case.corner_cutting)
-    wanted = np.sort(costs[tuple(zip(*chosen, strict=True))])[:count]
-    assert [plan.ok for _, plan in ranked] == np.isfinite(wanted).tolist()
-    assert [plan.cost for _, plan in ranked] == pytest.approx(wanted.tolist(), rel=1e-5, abs=1e-6)
-    for at, plan in ranked:
-        assert not plan.ok or tuple(plan.path[-1]) == chosen[at]
 
 
 def test_another_network_is_used_whole_or_not_at_all(network, tiny_model, tmp_path):
@@ -167,28 +147,3 @@ def test_a_search_of_a_region_is_repaired_from_step_to_step(network, method, bas
         assert repaired.cost <= afresh.cost * (1 + 1e-5)
         expansions.append((repaired.expansions, afresh.expansions))
     assert all(ours < 0.5 * others for ours, others in expansions[1:]), expansions
-
-
-def test_what_the_robot_can_reach_is_what_a_path_leads_to():
-    cost = flat(30, 36, 0.3)
-    cost[uniform(6, cost.shape) < 0.4] = np.inf
-    cost[1:11, 1:11] = 0.3
-    planner = DynamicPlanner(cost, (0, 0), "astar")
-    planner.move((5, 5))
-    cost[12:15, 12:15] = 1.0
-    planner.update(12, 12, cost[12:15, 12:15])
-    costs = planner.reach()
-    assert 100 < np.isfinite(costs).sum() < 0.7 * cost.size
-    np.testing.assert_allclose(costs, oracles.dijkstra(cost, (5, 5)), rtol=1e-5)
-    planner.move((39, 80))
-    with pytest.raises(InvalidQueryError, match=r"start \(39, 80\) lies outside the map"):
-        planner.reach()
-
-
-def test_a_path_that_leaves_the_map_is_refused_and_not_read():
-    planner = DynamicPlanner(flat(30, 36, 0.2), (0, 0))
-    for path in ([(5, 5), (30, 5)], [(5, -1)], [(10**6, 5)]):
-        with pytest.raises(InvalidQueryError, match=r"path must lie on the map of \(30, 36\)"):
-            planner.first_blocked(np.array(path, np.int32))
-    with pytest.raises(InvalidQueryError, match="wanted room for 2 costs, got 1"):
-        planner.state.grid.walk(np.zeros((2, 2), np.int32), 0, np.empty(1))

@@ -16,10 +16,10 @@ from nnpp_edge.runtime.options import CELLS, STATES
 from nnpp_edge.runtime.planners import methods as methods_module
 from nnpp_edge.runtime.planners.mending import MendingSearcher
 from nnpp_edge.runtime.planners.methods import Methods, pick_method
-from nnpp_edge.runtime.planners.query import Work
 from nnpp_edge.runtime.region.learned import LearnedRegions
 from nnpp_edge.runtime.search.astar import Query, Search
 from nnpp_edge.runtime.search.workspace import Workspace
+from nnpp_edge.runtime.stopwatch import Work
 from nnpp_edge.runtime.tuning import REFINE_FROM, CorridorWidth
 from tests import oracles
 from tests.strategies import state_of, uniform

@@ -37,7 +37,6 @@ from tests.fuzz.cases import Place
 from tests.pose_oracles import rocks
 from tests.strategies import flat, scrambled
 
-METHODS = ("astar", "corridor")
 ROVER = Vehicle(length_m=1.3, width_m=0.9, clearance_m=0.3, wheel_length_m=0.21, wheel_width_m=0.13)
 CELL_M = 0.25
 OMEGA = 0.011
@@ -304,50 +303,6 @@ def test_motions_and_plans_are_the_naive_ones_checked_at_once_or_where_a_search_
         )
 
 
-@pytest.mark.parametrize("turn_cost", [0.0, None, 5.0])
-def test_searches_and_reach_are_dijkstras_over_states_whatever_passes(turn_cost):
-    vehicle = replace(ROVER, turn_cost_m_per_rad=turn_cost)
-    shape = (17, 21)
-    for seed in range(6):
-        omega = (OMEGA, 0.0)[seed % 2]
-        sides = {"cell_size_m": CELL_M, "cell_width_m": 0.2}
-        made = Planner.of_elevation(
-            np.zeros(shape), **sides, vehicle=vehicle, warn=False, omega=omega
-        )
-        scrambled(made, seed)
-        priced = bodies.priced(made, omega)
-        stops = [
-            tuple(cell)
-            for cell in np.random.default_rng(seed).integers(5, (12, 16), (4, 2)).tolist()
-        ]
-        costs = [pose_oracles.costs_to_cells(priced, stop) for stop in stops]
-        np.testing.assert_allclose(made.reach(stops[0]), costs[0], rtol=1e-5)
-        everywhere = np.ones(shape, bool)
-        for (a, start), (_, goal) in itertools.permutations(enumerate(stops), 2):
-            for method in METHODS:
-                plan = made.plan(start, goal, method=method)
-                given = priced, everywhere, start, goal, method == "astar"
-                assert (found := bodies.problem_with_plan(plan, *given)) is None, found
-                assert (
-                    method == "corridor"
-                    or not plan.ok
-                    or plan.cost == pytest.approx(costs[a][goal], rel=1e-5)
-                )
-
-
-def test_a_tour_turns_at_its_stops_where_it_can_and_pays_for_that():
-    found = 0
-    for seed in range(8):
-        made = fresh(np.zeros((17, 21)), ROVER)
-        scrambled(made, seed)
-        priced = bodies.priced(made, OMEGA)
-        tour = made.plan_via((8, 5), (5, 12), [(10, 14), (6, 6)], method="astar")
-        cost = pose_oracles.path_cost(priced, tour.plan.path.tolist())
-        found += tour.plan.ok
-        assert not tour.plan.ok or tour.plan.cost == pytest.approx(cost, rel=1e-5)
-    assert found
-
-
 def test_a_path_pays_for_its_turns_and_makes_none_that_fails(planner):
     made = planner(np.zeros((40, 40)))
     ended = set()
@@ -449,44 +404,6 @@ GOAL = (128, 236)
 
 def fresh(dem, vehicle=SMALL, **options):
     return Planner.of_elevation(dem, CELL_M, vehicle=vehicle, warn=False, **options)
-
-
-@pytest.mark.parametrize("method", ["dstar", "astar", "corridor-dstar", "nnpp-dstar", "auto"])
-def test_plans_on_a_changing_map_are_those_of_a_new_planner(method):
-    rng = np.random.default_rng(2)
-    dem = rocks(6, 44, 44, 0.01)
-    at = (7, 8)
-    goal = (36, 35)
-    planner = DynamicPlanner.of_elevation(dem, CELL_M, goal, method=method, vehicle=SMALL)
-    for _ in range(6):
-        planner.move(at)
-        plan, best = planner.replan(), fresh(dem).plan(at, goal, method="astar")
-        assert plan.status is best.status
-        if plan.ok:
-            cost = pose_oracles.path_cost(bodies.priced(fresh(dem), OMEGA), plan.path.tolist())
-            assert cost == pytest.approx(plan.cost, rel=1e-5)
-            assert plan.cost >= best.cost * (1.0 - 1e-5)
-            if method in ("dstar", "astar"):
-                assert plan.cost == pytest.approx(best.cost, rel=1e-5)
-            assert planner.standing().valid
-            at = tuple(plan.path[min(3, len(plan.path) - 1)].tolist())
-            planner.move(at)
-        row, col = (
-            int(n) for n in rng.integers(0, 38, 2)
-        )  # heights as they are, raised or lowered at random
-        dem[row : row + 6, col : col + 6] += rng.choice([0.0, 0.3, -0.2]) * rng.random((6, 6))
-        planner.update_elevation(row, col, dem[row : row + 6, col : col + 6])
-        if plan.ok:
-            path = planner.standing_plan.path.tolist()
-            standing = planner.standing()
-            rest = pose_oracles.path_cost(
-                bodies.priced(fresh(dem), OMEGA), path[path.index(list(at)) :]
-            )
-            assert standing.valid == math.isfinite(rest)
-            if standing.valid:
-                now = fresh(dem).plan(at, goal, method="astar")
-                assert standing.cost == pytest.approx(rest, rel=1e-5)
-                assert not now.ok or standing.lower_bound <= now.cost * (1.0 + 1e-5)
 
 
 @pytest.fixture(scope="module")

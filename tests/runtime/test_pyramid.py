@@ -2,19 +2,19 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
-from nnpp_edge.runtime import Planner, Source, Status
+from nnpp_edge.runtime import Source, Status
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.pyramid import Pyramid, coarse_shapes
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseLevel, CoarseToFine
-from nnpp_edge.runtime.planners.query import Work
 from nnpp_edge.runtime.planners.searchers import AStarSearcher
 from nnpp_edge.runtime.search.astar import Query, astar, settle_all
 from nnpp_edge.runtime.search.landmarks import Landmarks
 from nnpp_edge.runtime.search.workspace import Workspace
+from nnpp_edge.runtime.stopwatch import Work
 from nnpp_edge.runtime.terrain.step_cost import StepModel
 from nnpp_edge.runtime.tuning import ANOTHER_LEVEL_FROM, CORRIDOR
 from tests.strategies import flat, state_of, uniform
@@ -110,41 +110,6 @@ def test_a_wall_one_cell_thick_is_a_wall_on_every_level_and_a_gap_a_gap():
         assert search(at, (0, 0), (at.grid.rows - 1, 0)).status is Status.NO_PATH
 
 
-@settings(max_examples=30)
-@given(st.integers(0, 2**32), st.booleans(), st.sampled_from([(300, 290), (60, 1030)]), st.data())
-def test_updating_a_part_equals_building_anew(seed, corner_cutting, shape, data):
-    rng = np.random.default_rng(seed)
-    cost = rng.random(shape).astype(np.float32)
-    cost[rng.random(cost.shape) < 0.3] = np.inf
-    state = state_of(cost, corner_cutting=corner_cutting)
-    for _ in range(6):
-        pyramid = state.pyramid
-        for _ in range(2):
-            row, col = (data.draw(st.integers(0, cells - 10)) for cells in shape)
-            patch = rng.choice([0.2, np.inf], (10, 10)).astype(np.float32)
-            cost[row : row + 10, col : col + 10] = patch
-            state.update(row, col, patch)
-    assert state.pyramid is pyramid
-    assert len(pyramid.levels) == (2 if max(shape) < 1021 else 3)
-    assert_same_levels(pyramid, pyramid_of(cost, corner_cutting))
-
-
-def assert_same_levels(pyramid, other):
-    for ours, theirs in zip(pyramid.levels, other.levels, strict=True):
-        np.testing.assert_allclose(ours.grid.weights, theirs.grid.weights, rtol=1e-6)
-        np.testing.assert_array_equal(ours.pieces, theirs.pieces)
-        if ours.links is not None:
-            np.testing.assert_array_equal(ours.links, theirs.links)
-            steps = ours.grid.robot.price
-            if steps.edges() is not None:
-                np.testing.assert_allclose(
-                    steps.edges(), theirs.grid.robot.price.edges(), rtol=1e-5
-                )
-                np.testing.assert_allclose(
-                    steps.backwards, theirs.grid.robot.price.backwards, rtol=1e-5
-                )
-
-
 def test_a_coarse_weight_is_the_mean_with_walls_as_obstacles():
     cost = flat(8, 200, 0.5)
     cost[0, :4] = 1.0
@@ -165,6 +130,7 @@ def test_a_level_that_is_searched_often_gets_landmarks_until_the_map_changes(
     goal = (1, 7 if side == 12 else side - 2)
     searcher = AStarSearcher(state)
     coarse_to_fine = CoarseToFine(state, searcher.workspace)
+    coarse_to_fine.update()
     coarse = coarse_to_fine.coarse_levels[0]
     query = Query(start, goal)
     top = 1
@@ -194,18 +160,3 @@ def test_there_is_another_level_as_long_as_one_is_large():
         assert [len(coarse_shapes(side, narrow)) for side in (size - 1, size)] == [1, 2]
         levels = Pyramid(Grid(size, narrow, StepModel.of("paper"))).levels
         assert max(levels[1].grid.shape) >= ANOTHER_LEVEL_FROM > max(levels[2].grid.shape)
-
-
-def test_updating_heights_equals_building_anew():
-    """Of steps by the slope; others are tried by `tests.fuzz.elevations`."""
-    rng = np.random.default_rng(5)
-    dem = (0.3 * rng.random((40, 1030))).astype(np.float32)
-    planner = Planner.of_elevation(dem, 1.0, warn=False, step_cost="tobler")
-    for _ in range(4):
-        row = int(rng.integers(30))
-        col = int(rng.integers(1000))
-        dem[row : row + 9, col : col + 30] += 3.0 * rng.random((9, 30)).astype(np.float32)
-        planner.update_elevation(row, col, dem[row : row + 9, col : col + 30])
-        anew = Planner.of_elevation(dem, 1.0, warn=False, step_cost="tobler")
-        assert len(planner.state.pyramid.levels) == 3
-        assert_same_levels(planner.state.pyramid, anew.state.pyramid)

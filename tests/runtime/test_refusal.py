@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from nnpp_edge.runtime import DynamicPlanner, Planner, Vehicle
-from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.poses import AXIS_COUNT, FAILS, REFUSALS
 from nnpp_edge.runtime.robots.body.refusal import refusals
 from tests.strategies import flat
@@ -130,22 +129,6 @@ def test_explain_gives_each_limit_beside_its_allowance():
     assert side.roll_deg == pytest.approx((15.0, 12.0), abs=1e-3)
     assert str(side).splitlines()[0] == "(20, 20) at 0°: refused by roll"
     assert "  roll      15.0°, at most 12.0°   too much" in str(side).splitlines()
-    point = Planner(flat(9, 9, 0.2))
-    for planner, cell, heading, words in (
-        (
-            point,
-            (2, 2),
-            0.0,
-            "wanted a vehicle with length, width and clearance on a map of elevations",
-        ),
-        (dynamic, (40, 2), 0.0, "map of 40 × 48"),
-        (dynamic, (2, 2), math.nan, "heading_deg"),
-        (dynamic, (2, 2), "north", "heading_deg"),
-        (dynamic, 3, 0.0, "cell"),
-    ):
-        with pytest.raises(InvalidQueryError, match=words) as error:
-            planner.explain(cell, heading)
-        assert "\n" not in str(error.value)
 
 
 def test_ground_where_it_stands_nowhere_is_told_apart_by_the_limit_that_refuses_most_headings():

@@ -13,7 +13,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nnpp_edge.runtime import Method, Plan, Planner, Source, Status, Traversability
-from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.planners.tour import tour
 from nnpp_edge.runtime.robots.robot import Price, Robot
 from tests import oracles
@@ -27,41 +26,6 @@ def map_with_stops(seed, count, side=24, blocked=0.15):
     passable = np.argwhere(np.isfinite(cost))
     stops = passable[rng.choice(len(passable), count, replace=False)].tolist()
     return cost, [tuple(stop) for stop in stops]
-
-
-@settings(max_examples=30)
-@given(st.integers(0, 10**6), st.integers(3, 7), st.sampled_from([24, 64]))
-def test_a_tour_leads_through_its_stops_in_the_best_order_of_all_tried(seed, count, side):
-    cost, stops = map_with_stops(seed, count, side)
-    between = [[oracles.dijkstra(cost, a)[b] for b in stops] for a in stops]
-    planner = Planner(cost)
-    start, *via, goal = stops
-    for method in ("astar", "corridor", "auto"):
-        best, given_order = (
-            planner.plan_via(start, goal, via, best_order=order, method=method)
-            for order in (True, False)
-        )
-        if not np.isfinite(between).all():
-            for found in (best, given_order):
-                assert found.plan.status is Status.NO_PATH and "leg" in found.plan.reason
-            continue
-        assert sorted(best.order) == list(given_order.order) == list(range(count - 2))
-        assert best.given_cost == pytest.approx(given_order.plan.cost, rel=1e-5)
-        assert best.plan.cost <= best.given_cost and math.isnan(given_order.given_cost)
-        for found, optimum in zip(
-            (best, given_order), oracles.cheapest_order(between), strict=True
-        ):
-            path = found.plan.path
-            assert found.plan.cost >= optimum * (1.0 - 1e-5)
-            assert method != "astar" or found.plan.cost == pytest.approx(optimum, rel=1e-5)
-            assert list(found.stops) == [start, *(via[at] for at in found.order), goal]
-            assert oracles.path_problem(path, cost, start, goal) == ""
-            assert found.plan.cost == pytest.approx(oracles.path_cost(path, cost), rel=1e-5)
-            assert found.plan.traverse_cost == pytest.approx(cost[tuple(path.T)].sum(), rel=1e-5)
-            assert found.plan.lower_bound <= found.plan.cost * (1 + 1e-9)
-            at = [np.flatnonzero((path == stop).all(1)) for stop in found.stops]
-            assert all(a.min() <= b.max() for a, b in itertools.pairwise(at))
-            assert sum(leg.cost for leg in found.legs) == pytest.approx(found.plan.cost)
 
 
 @settings(max_examples=30)
@@ -134,7 +98,7 @@ def test_only_the_legs_that_are_taken_are_finished_and_the_tour_is_made_of_what_
     assert found.plan.cost == pytest.approx(plain.plan.cost + 500.0) and found.order == plain.order
 
 
-def test_a_leg_that_has_no_path_is_named_and_places_that_are_none_are_refused_by_number():
+def test_a_leg_that_has_no_path_is_named():
     cost = flat(40, 40, 0.2)
     cost[:, 20] = np.inf
     planner = Planner(cost)
@@ -148,13 +112,6 @@ def test_a_leg_that_has_no_path_is_named_and_places_that_are_none_are_refused_by
             == "leg 2 of 3, from (5, 5) to (9, 30): no path exists on the known map"
         )
         assert found.plan.cost == math.inf and [leg.ok for leg in found.legs] == [True, False]
-        for via, words in (
-            ([(2, 2), (7, 20)], r"via 2, \(7, 20\), is impassable"),
-            ([(2, 40)], r"via 1, \(2, 40\), lies outside the map"),
-            ([(2, 2), (1.5, 2)], "via 2 must be two whole numbers"),
-        ):
-            with pytest.raises(InvalidQueryError, match=words):
-                planner.plan_via((1, 1), (9, 9), via, best_order=best_order)
         found = planner.plan_via((1, 1), (7, 20), [(2, 2)], best_order=best_order)
         assert (found.plan.status, found.plan.source) == (Status.GOAL_BLOCKED, None)
 
@@ -168,5 +125,3 @@ def test_without_places_a_tour_is_a_plan_and_more_than_a_dozen_are_visited_in_th
     assert found.plan.cost == plan.cost and found.plan.reason == plan.reason
     stops = [(at % 5, 2 * at + 1) for at in range(13)]
     assert planner.plan_via((0, 0), (0, 39), stops).plan.ok
-    with pytest.raises(InvalidQueryError, match="at most 12 places, got 13"):
-        planner.plan_via((0, 0), (0, 39), stops, best_order=True)

@@ -8,7 +8,6 @@ import pytest
 from nnpp_edge.runtime import (
     DynamicPlanner,
     Goal,
-    Ground,
     MapPatch,
     Navigator,
     Planner,
@@ -17,7 +16,6 @@ from nnpp_edge.runtime import (
     Vehicle,
     traversability_cost,
 )
-from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 from nnpp_edge.runtime.kernels.poses import FAILS
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.terrain.step_cost import PAPER_OMEGA
@@ -296,17 +294,3 @@ def test_poses_at_the_edge_of_what_was_seen_are_not_refused_for_want_of_the_rest
     assert not planner.is_passable((66, 45)) and planner.is_passable(
         (66, 60)
     )  # a step, of which all was seen
-
-
-def test_what_a_coarse_map_cannot_be_is_refused():
-    means = np.zeros((8, 8), np.float32)
-    for error, words, given in (
-        (InvalidQueryError, "factor must be at least 1, got 0", {"factor": 0}),
-        (InvalidQueryError, "prior must be one of network, slope, got 'best'", {"prior": "best"}),
-        (InvalidMapError, "a coarse map is for points and bodies", {"step_cost": "tobler"}),
-        (InvalidMapError, "and no radius_m", {"vehicle": Vehicle(radius_m=1.0)}),
-    ):
-        with pytest.raises(error, match=words):
-            Planner.of_coarse(means, 1.0, **{"factor": 4, **given})
-    with pytest.raises(InvalidMapError, match="a coarse map has elevations"):
-        Ground(means, factor=4)

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from nnpp_edge.runtime.arrays import Bool, Floats, Int32, Int64
+from nnpp_edge.runtime.cells import Sides
 from nnpp_edge.runtime.kernels.lattice import DIRECTION_COUNT, LEG_COLS, LEG_ROWS
 from nnpp_edge.runtime.kernels.poses import AXIS_COUNT
 from nnpp_edge.runtime.robots.body.primitives import curve, heading_rad, turn_rad
@@ -68,65 +69,55 @@ class Arc:
         return [self.at((k + 1) / count) for k in range(count)]
 
 
-def heading_deg(direction: int, sides_m: tuple[float, float]) -> float:
+def heading_deg(direction: int, sides_m: Sides) -> float:
     """Of one of the sixteen directions, degrees clockwise from grid north."""
     return (180.0 - math.degrees(heading_rad(direction % DIRECTION_COUNT, sides_m))) % 360.0
 
 
-def direction_near(heading: float, sides_m: tuple[float, float]) -> int:
+def direction_near(heading: float, sides_m: Sides) -> int:
     """The direction whose heading is nearest to one in degrees."""
-    return int(np.argmin(_apart(heading, sides_m)))
+    return int(np.argmax(directions_within(heading, 0.0, sides_m)))
 
 
-def directions_within(heading: float, tolerance_deg: float, sides_m: tuple[float, float]) -> Bool:
+def directions_within(heading: float, tolerance_deg: float, sides_m: Sides) -> Bool:
     """(16,) those whose heading lies so near to one in degrees; the nearest always."""
-    apart = _apart(heading, sides_m)
+    headings = np.array([heading_deg(k, sides_m) for k in range(DIRECTION_COUNT)])
+    apart = np.abs((headings - heading + 180.0) % 360.0 - 180.0)
     return apart <= max(tolerance_deg, float(apart.min()))
 
 
-def _apart(heading: float, sides_m: tuple[float, float]) -> Floats:
-    headings = np.array([heading_deg(k, sides_m) for k in range(DIRECTION_COUNT)])
-    return np.abs((headings - heading + 180.0) % 360.0 - 180.0)
-
-
-def arcs_along(states: Int32, vehicle: Vehicle, sides_m: tuple[float, float]) -> tuple[Arc, ...]:
+def arcs_along(states: Int32, vehicle: Vehicle, sides_m: Sides) -> tuple[Arc, ...]:
     """The pieces that a body drives along states (N, 3) of a path, those of the same kind
     joined.
     """
-    dy, dx = sides_m
     found: list[Arc] = []
-    for before, after in zip(states[:-1].tolist(), states[1:].tolist(), strict=True):
-        k = before[2] % DIRECTION_COUNT
-        to = after[2] % DIRECTION_COUNT
-        pose = before[1] * dx, before[0] * dy, heading_deg(k, sides_m)
-        for gear, curvature, length, turned in _pieces(before, after, k, to, vehicle, sides_m):
-            last = found[-1] if found else None
-            alike = last and (last.gear, last.curvature_per_m) == (gear, curvature)
-            if last and alike and (gear or last.turn_deg * turned > 0):
+    for before, after in pairwise(states.tolist()):
+        row, col, state = before
+        direction = state % DIRECTION_COUNT
+        pose = col * sides_m[1], row * sides_m[0], heading_deg(direction, sides_m)
+        for gear, curvature, length, turned in _pieces(before, after, vehicle, sides_m):
+            arc = Arc(gear, curvature, length, pose, turned)
+            pose = arc.at(1.0)
+            last = found[-1] if found else arc
+            alike = (last.gear, last.curvature_per_m) == (gear, curvature)
+            if last is not arc and alike and (gear or last.turn_deg * turned > 0):
                 whole = last.length_m + length, last.start_pose, last.turn_deg + turned
                 found[-1] = Arc(gear, curvature, *whole)
             else:
-                found.append(Arc(gear, curvature, length, pose, turned))
-            pose = Arc(gear, curvature, length, pose, turned).at(1.0)
+                found.append(arc)
     return tuple(found)
 
 
 def _pieces(
-    before: Sequence[int],
-    after: Sequence[int],
-    k: int,
-    to: int,
-    vehicle: Vehicle,
-    sides_m: tuple[float, float],
+    before: Sequence[int], after: Sequence[int], vehicle: Vehicle, sides_m: Sides
 ) -> Iterator[tuple[int, float, float, float]]:
     """(gear, curvature, metres, degrees) of a primitive between two states."""
-    down = after[0] - before[0]
-    right = after[1] - before[1]
-    side = (to - k + AXIS_COUNT) % DIRECTION_COUNT - AXIS_COUNT
+    down, right, side = np.subtract(after, before).tolist()
+    k = before[2] % DIRECTION_COUNT
+    side = (side + AXIS_COUNT) % DIRECTION_COUNT - AXIS_COUNT
     if not (down or right):
-        step = 1 if side > 0 else -1
-        for n in range(k, k + side, step):
-            yield 0, 0.0, 0.0, step * math.degrees(turn_rad(n if step > 0 else n - 1, sides_m))
+        for n in range(k, k + side) if side > 0 else range(k - 1, k + side - 1, -1):
+            yield 0, 0.0, 0.0, math.copysign(math.degrees(turn_rad(n, sides_m)), side)
         return
     dy, dx = sides_m
     towards = down * LEG_ROWS[k] * dy**2 + right * LEG_COLS[k] * dx**2
@@ -134,21 +125,15 @@ def _pieces(
     if not side:
         yield gear, 0.0, math.hypot(down * dy, right * dx), 0.0
         return
-    ahead = k if gear > 0 else (k + AXIS_COUNT) % DIRECTION_COUNT
-    bend = curve(
-        ahead if side > 0 else (ahead - 1 + AXIS_COUNT) % DIRECTION_COUNT,
-        sides_m,
-        vehicle.turning_radius_m or 0.0,
-    )
-    first, last = (bend.before_m, bend.after_m)[:: 1 if side > 0 else -1]
+    # an arc to the right is one to the left from its other end
+    ahead = k if gear > 0 else k + AXIS_COUNT
+    first = ahead if side > 0 else ahead - 1 + AXIS_COUNT
+    bend = curve(first % DIRECTION_COUNT, sides_m, vehicle.turning_radius_m or 0.0)
     turned = side * math.degrees(bend.angle_rad)
-    for length, curvature, degrees in (
-        (first, 0.0, 0.0),
-        (bend.radius_m * bend.angle_rad, side * gear / bend.radius_m, turned),
-        (last, 0.0, 0.0),
-    ):
-        if length > _LEAST_M:
-            yield gear, curvature, length, degrees
+    straight = [(gear, 0.0, length, 0.0) for length in (bend.before_m, bend.after_m)]
+    bent = gear, side * gear / bend.radius_m, bend.radius_m * bend.angle_rad, turned
+    begin, end = straight if side > 0 else straight[::-1]
+    yield from (piece for piece in (begin, bent, end) if piece[2] > _LEAST_M)
 
 
 class Drive(NamedTuple):
@@ -165,18 +150,15 @@ class Drive(NamedTuple):
     """(N,) numbers of the states that these pieces come from."""
 
 
-def drive_along(states: Int32, vehicle: Vehicle, sides_m: tuple[float, float]) -> Drive:
+def drive_along(states: Int32, vehicle: Vehicle, sides_m: Sides) -> Drive:
     """The drive of a body along states (N, 3) of a path, pose by pose."""
     places = states[:, 1::-1] * sides_m[::-1]
-    numbers = states[:, 2].tolist()
-    moves = np.diff(states[:, :2], axis=0).tolist()
     found = [
-        _motion(tuple(move), ends, vehicle, sides_m)
-        for move, ends in zip(moves, pairwise(numbers), strict=True)
+        _motion(row - from_row, col - from_col, before, after, vehicle, sides_m)
+        for (from_row, from_col, before), (row, col, after) in pairwise(states.tolist())
     ]
-    counts = [len(poses) for poses in found]
-    steps = np.repeat(np.arange(len(found)), counts)
-    heading = heading_deg(numbers[0], sides_m)
+    steps = np.repeat(np.arange(len(found)), [len(poses) for poses in found])
+    heading = heading_deg(int(states[0, 2]), sides_m)
     table = np.vstack(((*places[0], heading, 0.0, 0.0), *found))
     table[1:, :2] += places[steps]
     table[0, 3:] = table[min(1, len(steps)), 3:]
@@ -186,13 +168,10 @@ def drive_along(states: Int32, vehicle: Vehicle, sides_m: tuple[float, float]) -
 
 @lru_cache(maxsize=4096)
 def _motion(
-    move: tuple[int, int],
-    ends: tuple[int, int],
-    vehicle: Vehicle,
-    sides_m: tuple[float, float],
+    down: int, right: int, before: int, after: int, vehicle: Vehicle, sides_m: Sides
 ) -> Floats:
     """(N, 5) pose, gear and curvature along a motion between two states, from cell (0, 0) on."""
-    states = np.array(((0, 0, ends[0]), (*move, ends[1])), np.int32)
+    states = np.array(((0, 0, before), (down, right, after)), np.int32)
     arcs = arcs_along(states, vehicle, sides_m)
     rows = [(*pose, arc.gear, arc.curvature_per_m) for arc in arcs for pose in arc.poses]
     return np.array(rows).reshape(-1, 5)

@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from nnpp_edge.runtime.arrays import Bool, Floats, Int64
+from nnpp_edge.runtime.cells import Sides
 from nnpp_edge.runtime.kernels.lattice import LEG_COLS, LEG_ROWS
 from nnpp_edge.runtime.kernels.poses import AXIS_COUNT
 from nnpp_edge.runtime.kernels.records import PoseTables
@@ -52,7 +53,7 @@ class MotionPose(NamedTuple):
     turn_rad: float = 0.0
 
 
-def leg_poses(direction: int, sides_m: tuple[float, float], length_m: float) -> list[MotionPose]:
+def leg_poses(direction: int, sides_m: Sides, length_m: float) -> list[MotionPose]:
     """Of a leg from a cell along an axis, or its reverse, of a body of this length."""
     row, col = LEGS[direction]
     down = row * sides_m[0]
@@ -65,13 +66,13 @@ def leg_poses(direction: int, sides_m: tuple[float, float], length_m: float) -> 
     return [MotionPose(share * row, share * col, *heading, sweep_m) for share in shares]
 
 
-def _poses_in(metres: float, sides_m: tuple[float, float], length_m: float) -> int:
+def _poses_in(metres: float, sides_m: Sides, length_m: float) -> int:
     """Number of poses on so long a leg or arc, by `LEG_SPACING`."""
     share = float(np.clip(length_m / (32.0 * max(sides_m)), *LEG_SPACING))
     return math.ceil(metres / (share * length_m))
 
 
-def turn_poses(direction: int, sides_m: tuple[float, float]) -> list[MotionPose]:
+def turn_poses(direction: int, sides_m: Sides) -> list[MotionPose]:
     """Of a turn on the spot from one direction to the next."""
     first = heading_rad(direction, sides_m)
     half = turn_rad(direction, sides_m) / (2 * TURN_POSES)
@@ -79,9 +80,7 @@ def turn_poses(direction: int, sides_m: tuple[float, float]) -> list[MotionPose]
     return [MotionPose(0.0, 0.0, math.cos(at), math.sin(at), 0.0, half) for at in middles]
 
 
-def arc_poses(
-    direction: int, sides_m: tuple[float, float], radius_m: float, length_m: float
-) -> list[MotionPose]:
+def arc_poses(direction: int, sides_m: Sides, radius_m: float, length_m: float) -> list[MotionPose]:
     """Of an arc from a direction to the next, of a body of this length."""
     first = heading_rad(direction, sides_m)
     down = math.cos(first)
@@ -102,7 +101,7 @@ def arc_poses(
 
 
 @functools.lru_cache(maxsize=16)
-def all_motions(vehicle: Vehicle, sides_m: tuple[float, float]) -> PoseTables:
+def all_motions(vehicle: Vehicle, sides_m: Sides) -> PoseTables:
     """Tables of the legs along the axes, the turns from one direction to the next, the arcs from
     each direction, if the vehicle drives any, and of standing along each axis.
     """
@@ -117,9 +116,7 @@ def all_motions(vehicle: Vehicle, sides_m: tuple[float, float]) -> PoseTables:
     return motions_of(vehicle, sides_m, legs + turns + arcs + standing)
 
 
-def motions_of(
-    vehicle: Vehicle, sides_m: tuple[float, float], motions: list[list[MotionPose]]
-) -> PoseTables:
+def motions_of(vehicle: Vehicle, sides_m: Sides, motions: list[list[MotionPose]]) -> PoseTables:
     """Tables of motions of a vehicle on cells of these sides, whose `offsets` and `fit_offsets` are
     still (row, col) from the motion's cell, see `by_offsets`.
 
@@ -220,7 +217,7 @@ class GroundSamples(NamedTuple):
 
 
 def _fit_cells(
-    wheels: Floats, fit: Floats, heading: Floats, offset: Floats, sides: tuple[float, float]
+    wheels: Floats, fit: Floats, heading: Floats, offset: Floats, sides: Sides
 ) -> Floats:
     """(D, 4) row and column of the cells under the wheels' middles, and what each adds to the
     plane's slopes.
@@ -243,7 +240,7 @@ def _samples(
     areas: Floats,
     headings: Floats,
     offsets: Floats,
-    sides: tuple[float, float],
+    sides: Sides,
     snapped: float,
 ) -> list[GroundSamples]:
     """Samples of rectangles about the same `middle` (ahead, left) of bodies with headings (N, 2) at

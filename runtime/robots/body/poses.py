@@ -24,7 +24,7 @@ from nnpp_edge.runtime.arrays import (
     Int64,
     UInt16,
 )
-from nnpp_edge.runtime.cells import Cell, Rectangle, slices, widened
+from nnpp_edge.runtime.cells import Cell, Rectangle, Sides, slices, widened
 from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.kernels import records
 from nnpp_edge.runtime.kernels.by_address import address_of
@@ -54,12 +54,13 @@ from nnpp_edge.runtime.kernels.records import (
 )
 from nnpp_edge.runtime.memory import virtual_zeros
 from nnpp_edge.runtime.robots.body import motions
-from nnpp_edge.runtime.robots.body.primitives import ARCS, primitives, turn_rad
+from nnpp_edge.runtime.robots.body.primitives import ARCS, primitives
 from nnpp_edge.runtime.terrain.traversability import Traversability, relative_heights, sides_of
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
 NO_EDGES = np.empty((0, 2 * AXIS_COUNT), np.float32)
 """Of legs that cost by what they are checked to be."""
+NOTHING_ADDED = np.empty((0, 0), np.float32)
 _SAFE = 1.0 - 1e-5
 """Share of a limit that is used: what rounding to float32 may add."""
 
@@ -85,17 +86,20 @@ class Poses:
     unseen : (2, I, J) float32
         Prices of blocks, see `map.tiles.Tiles`: motions that would be over unknown cells cost by
         these.
+    added : (H, W) float32
+        What layers add to T.
     """
 
     def __init__(
         self,
         heights: Float2D,
-        sides_m: tuple[float, float],
+        sides_m: Sides,
         vehicle: Vehicle,
         weights: tuple[float, float, float],
         scale: float,
         shut: Bool | None = None,
         unseen: Float32s | None = None,
+        added: Float2D = NOTHING_ADDED,
     ) -> None:
         self.weights = weights
         self.vehicle = vehicle
@@ -124,6 +128,8 @@ class Poses:
         beyond = self._unknown if unseen is None else np.inf
         self.heights = np.full((rows + 2 * self._margin, width), beyond, np.float32)
         """Within a margin of `margin` unknown cells, and more to the right; relative to `_base`."""
+        self._added = np.zeros(self.heights.shape if added.size else (0, 0), np.float32)
+        """Likewise; (0, 0) without layers."""
         nodes = (rows + 2) * (cols + 2)
         count = len(tables.poses_of) - 1 - AXIS_COUNT
         self.codes: UInt16 = virtual_zeros(nodes * count, np.uint16).reshape(nodes, count)
@@ -135,6 +141,7 @@ class Poses:
         record = records.Poses(
             codes=self.codes,
             heights=self.heights.reshape(-1),
+            added=self._added.reshape(-1),
             tables=tuple(motions.by_offsets(tables, width)),
             limits=limits_of(vehicle, weights),
             scratch=np.zeros(max(tables.gradients.shape[1], 1) * LANES, np.float32),
@@ -151,16 +158,11 @@ class Poses:
         self._record = record._replace(check_run=address)
         self.packed: Packed = tuple(self._record)
         """As the kernels take them."""
-        angles = np.array([turn_rad(k, sides_m) for k in range(AXIS_COUNT)])
-        self.turns_m: Floats = vehicle.turn_m_per_rad * angles
-        """(8,) metres of level ground as dear as the turn from each direction to the next."""
-        self.primitives = primitives(vehicle, sides_m)
-        moves, fares, origins, rays, lengths, _ = self.primitives
-        unit = np.float32(2.0 * scale / MOST_CODE)
-        by_angle = between(self.turns_m / dy)
-        self.prices = Prices(unit, moves, fares, origins, rays, lengths, by_angle)
+        prices, self.shortest = primitives(vehicle, sides_m)
+        """No curve is shorter than so many times the way by legs."""
+        self.prices = prices._replace(unit=np.float32(2.0 * scale / MOST_CODE))
         """Of the vehicle's motions, in cells of level ground."""
-        self._put(0, 0, heights, shut)
+        self._put(0, 0, heights, shut, added)
 
     def figures(self, cell: Cell, motion: int, other: PoseTables | None = None) -> Floats:
         """(P, 7) of the poses of a motion from a cell, or of one of other motions: bounds of slope,
@@ -181,23 +183,33 @@ class Poses:
         """Poses checked so far; one that was forgotten and checked again counts twice."""
         return int(self._counts[0])
 
-    def _put(self, row: int, col: int, heights: Float2D, shut: Bool | None) -> None:
+    def _put(self, row: int, col: int, heights: Float2D, shut: Bool | None, added: Float2D) -> None:
         if np.isnan(self._base):
             known = (height for line in heights for height in line[np.isfinite(line)][:1])
             self._base = np.float32(next(known, np.nan))
         place = self._margin + row, self._margin + col
         put_heights(np.ascontiguousarray(heights), self._base, self._unknown, self.heights, *place)
+        here = slices((*place, *heights.shape))
         if shut is not None:
-            self.heights[slices((*place, *heights.shape))][shut] = np.inf
+            self.heights[here][shut] = np.inf
+        if added.size:
+            self._added[here] = added
 
-    def write(self, row: int, col: int, heights: Float2D, shut: Bool | None = None) -> Rectangle:
+    def write(
+        self,
+        row: int,
+        col: int,
+        heights: Float2D,
+        shut: Bool | None = None,
+        added: Float2D = NOTHING_ADDED,
+    ) -> Rectangle:
         """Put heights into the map, (h, w) float32 that lie inside it, and forget the motions that
         they touch.
 
-        `shut` as for the class, of these cells. Returns the rectangle of cells whose motions may
-        have changed.
+        `shut` and `added` as for the class, of these cells. Returns the rectangle of cells whose
+        motions may have changed.
         """
-        self._put(row, col, heights, shut)
+        self._put(row, col, heights, shut, added)
         rows, cols = heights.shape
         area = (row, row + rows, col, col + cols)  # `records.Area`
         forget_poses(self.packed, area, self.reach)
@@ -228,14 +240,11 @@ class Poses:
         path: Cells,
         first: int,
         costs: Floats,
-        edges: Float32s = NO_EDGES,
         prices: Prices | None = None,
     ) -> int:
-        """As `Grid.walk`, by these prices, and by what legs cost in each direction, (nodes, 16), if
-        given.
-        """
+        """As `Grid.walk`, by these prices if given."""
         walk = walk_primitives if path.shape[1] == 3 else walk_states
-        return int(walk(self.packed, edges, tuple(prices or self.prices), path, first, costs))
+        return int(walk(self.packed, tuple(prices or self.prices), path, first, costs))
 
     def steps(self, path: Cells) -> "PathMotions":
         """The motions along a path: legs between its cells (N, 2), or primitives between its states
@@ -351,16 +360,6 @@ def _rated(codes: UInt16, kind: type[Float]) -> NDArray[Float]:
     """T by the codes of poses, in numbers of this kind; inf of those that fail."""
     rated = (np.maximum(codes, 1) - kind(1)) / kind(MOST_CODE)
     return np.where(codes < FAILS, rated, kind(np.inf))
-
-
-def between(turns: NDArray[np.floating]) -> Float32s:
-    """(16, 16) what the shorter turn from each direction to each other costs, given (8,) of those
-    to the next.
-    """
-    at = np.cumsum(np.concatenate(([0.0], turns, turns)))
-    apart = np.abs(at[:-1, None] - at[:-1])
-    found: Float32s = np.minimum(apart, at[-1] - apart).astype(np.float32)
-    return found
 
 
 def limits_of(vehicle: Vehicle, weights: tuple[float, float, float]) -> Float32s:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from nnpp_edge.runtime.arrays import Bool, Cells, Float32s, Floats
-from nnpp_edge.runtime.cells import Cell, Rectangle, slices
+from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.lattice import KNIGHT
@@ -15,10 +15,11 @@ from nnpp_edge.runtime.options import STATES
 from nnpp_edge.runtime.robots.body import motions
 from nnpp_edge.runtime.robots.body.arcs import direction_near, directions_within
 from nnpp_edge.runtime.robots.body.attitude import PoseCheck, explain
-from nnpp_edge.runtime.robots.body.poses import NO_EDGES, Poses, between
+from nnpp_edge.runtime.robots.body.poses import NO_EDGES, Poses
+from nnpp_edge.runtime.robots.body.primitives import between, turns_m
 from nnpp_edge.runtime.robots.body.refusal import why_blocked, why_ended
 from nnpp_edge.runtime.robots.body.search import (
-    LastMetres,
+    FromGoal,
     States,
     costs_of_cells,
     may_open,
@@ -69,23 +70,21 @@ class BodyStance(Stance):
         self.reach = poses.reach
 
     @property
-    def checks(self) -> int:
+    def checks(self) -> int:  # type: ignore[override]  # a number of the class in others
         return self.poses.checked
 
-    def weights(self, grid: "Grid") -> Float32s:
-        return np.empty(0, np.float32)
-
-    def stands_at(self, grid: "Grid", cell: Cell) -> bool:
-        return self.poses.stands_at(cell)
+    def stands_at(self, grid: "Grid", *cells: Cell) -> list[bool]:
+        return [self.poses.stands_at(cell) for cell in cells]
 
     def touched(
         self, change: "Change", part: Rectangle, state: "MapState", *, heights: bool
     ) -> "Change":
         if not part[2]:
             return change
-        told = state.told
-        shut = None if told is None else told[slices(part)] >= 1.0
-        touched = self.poses.write(*part[:2], state.known_heights(part), shut)
+        ground = state.heights
+        assert ground is not None
+        beside = ground.shut(part), ground.added(part)
+        touched = self.poses.write(*part[:2], ground.known(part), *beside)
         return change._replace(part=touched, cells=touched[2] * touched[3], cheaper=True)
 
     def complete(self) -> None:
@@ -139,10 +138,10 @@ class BodyMoves(CellMoves):
     def __init__(self, poses: Poses) -> None:
         self.poses = poses
         self.states_a_node = len(poses.prices.moves)
-        self.shortest = KNIGHT * poses.primitives.shortest
+        self.shortest = KNIGHT * poses.shortest
         self.readiness = float(poses.prices.turns.max())
-        self._last_metres: tuple[Query, LastMetres | None] | None = None
-        """Those of the newest query."""
+        self._from_goal: FromGoal | None = None
+        """Of the newest query."""
 
     def at_ends(self, query: Query) -> float:
         turns = int(query.direction >= 0) + int(query.wanted is not None)
@@ -161,7 +160,7 @@ class BodyMoves(CellMoves):
         """The prices of its motions, where turns cost by what a metre of level ground does."""
         fares = self.poses.prices.fares.copy()
         fares[..., FIXED] *= self.poses.sides_m[0] * metre
-        by_angle = between(self.poses.turns_m * metre)
+        by_angle = between(turns_m(self.poses.vehicle, self.poses.sides_m) * metre)
         return self.poses.prices._replace(fares=fares, turns=by_angle)
 
     def search(
@@ -173,23 +172,19 @@ class BodyMoves(CellMoves):
         hints: Hints | None = None,
         limit: int | None = None,
     ) -> Search:
-        """As `Robot.search`; a query's last metres are searched once for all of its regions, and
-        not for a short search.
+        """As `Robot.search`; one search from the goal serves all regions of a query, but for
+        a short search and where legs cost otherwise one way than the other.
         """
-        if limit is not None:
-            return search_states(grid, query, workspace, region, None, limit)
-        spent = 0
-        if self._last_metres is None or self._last_metres[0] is not query:
-            found = LastMetres.to(grid, grid.robot.states(), query, workspace)
-            self._last_metres = query, found
-            spent = found.expansions if found else 0
-        _, last_metres = self._last_metres
-        search = search_states(grid, query, workspace, region, last_metres)
-        return search._replace(expansions=search.expansions + spent)
+        from_goal = None
+        if limit is None and grid.robot.price.edges() is None:
+            from_goal = self._from_goal
+            if from_goal is None or from_goal.query is not query:
+                from_goal = self._from_goal = FromGoal(grid, query, workspace.from_goal)
+        return search_states(grid, query, workspace, region, from_goal, limit)
 
     def spreading(self, grid: "Grid", workspace: Workspace, links: Links = None) -> Spreading:
-        states = grid.robot.states()
-        return spreading(grid, states, workspace, np.ones(workspace.states, np.bool_))
+        everywhere = np.ones(workspace.states, np.bool_)
+        return spreading(grid, workspace, everywhere, ~everywhere)
 
     def walk_turns(self, grid: "Grid", path: Cells, first: int, costs: Floats, metre: float) -> int:
         prices = self._turns_by(metre)
@@ -283,7 +278,14 @@ class ArcMoves(BodyMoves):
         return int(path[-1, 2]) % len(motions.LEGS)
 
 
-def body_robot(poses: Poses) -> Robot:
-    """The robot of a vehicle's poses."""
-    moves = BodyMoves if poses.vehicle.turning_radius_m is None else ArcMoves
+def body_on(state: "MapState") -> Robot:
+    """The robot of a vehicle with a body, by its poses."""
+    vehicle = state.vehicle
+    heights = state.heights
+    assert vehicle is not None and heights is not None and state.sides_m is not None
+    whole = (0, 0, *state.shape)
+    blocks = None if heights.unseen is None else heights.unseen.layers
+    place = (state.sides_m, vehicle, heights.limits.body_weights, state.grid.model.scale)
+    poses = Poses(heights.known(whole), *place, heights.shut(whole), blocks, heights.added(whole))
+    moves = BodyMoves if vehicle.turning_radius_m is None else ArcMoves
     return Robot(BodyStance(poses), BodyPrice(poses), moves(poses))

@@ -7,12 +7,12 @@ count, which leaves few states to search, for an answer about as good.
 """
 
 import math
-from functools import partial
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from nnpp_edge.runtime.arrays import Bool, Float32s
+from nnpp_edge.runtime.arrays import Bool, Float32s, Int64
 from nnpp_edge.runtime.cells import Cell, Rectangle, widened
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import Status
@@ -22,13 +22,13 @@ from nnpp_edge.runtime.kernels.lattice import (
     KNIGHT,
     expand_states,
     fill_field,
-    least_of_cells,
     trace_states,
 )
 from nnpp_edge.runtime.kernels.nodes import (
     DIRECTION_BITS,
     EXHAUSTED,
     FOUND,
+    OPEN_BIT,
     PAUSED,
     STAMP_SHIFT,
     octile,
@@ -65,16 +65,20 @@ from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.tuning import (
     AGAIN_EXPANSIONS,
     AROUND_GOAL,
+    AT_ENDS,
     BUCKET_WIDTH_BY_LANDMARKS,
-    CHECKED_FROM,
     CHECKED_SHARE,
+    LATE_IN_REGION,
+    LATE_ON_MAP,
     REOPENED_WITHIN,
+    RISEN,
 )
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.map.grid import Grid
 
-_UNJUDGED: Packed = tuple(Legs(0.0, 0.0, 0.0))
+_NO_COSTS = np.empty((0, 0), np.float32)
+NO_FIELD = Field(np.empty(0, np.float32), np.empty(0, np.int32), 0, 0, 0, 0.0, _NO_COSTS)
 """Of a search that nothing guides."""
 
 
@@ -87,143 +91,109 @@ class States(NamedTuple):
     """(nodes, 16) costs of legs; (0, 16) where they cost by their checks."""
     prices: Prices
 
-    @property
-    def packed(self) -> Parts:
-        """As kernels take them."""
-        return self.poses, self.edges, tuple(self.prices)
-
-
-class Guide(NamedTuple):
-    """What is known of the field that guides a search."""
-
-    begun: int
-    """Node at which the field was to end: the start."""
-    promised: float
-    """What it costs from there."""
-    turns: Float32s
-    """(16, 16) costs of turns that count in it; (0, 16) where they are free."""
-
-
-class LastMetres(NamedTuple):
-    """Costs of the last metres to a goal with a heading, by a search of a few states from there.
-
-    A way back, by a body that stands the other way round, costs what the way there does.
-    """
-
-    begun: Seeds
-    """Cells at which the search stopped, from which all ways lead on to the goal."""
-    settled: Seeds
-    """Cells within."""
-    exhausted: bool
-    """Whether no way from other cells leads to the goal."""
-    expansions: int
-
-    @classmethod
-    def to(
-        cls, grid: "Grid", states: States, query: Query, workspace: Workspace
-    ) -> "LastMetres | None":
-        """Those to the goal of a query that has a heading there; None where legs cost otherwise one
-        way than the other.
-        """
-        if query.wanted is None or query.start == query.goal or len(states.edges):
-            return None
-        # search a few states from the goal, the other way round
-        backwards = np.resize(np.roll(query.wanted, DIRECTION_COUNT // 2), workspace.states)
-        search = spreading(grid, states, workspace, backwards)
-        from_goal = Ends(grid.node(*query.goal), NOWHERE)
-        code, _, spent, _ = run(*search, from_goal, workspace, AROUND_GOAL, query.deadline)
-        # what it came to lies in a rectangle around the goal
-        longest = int(np.abs(states.prices.moves[..., [DOWN, RIGHT]]).max())
-        reach = min(int(workspace.least_open / grid.prices[0]) + 2 * longest, spent * longest)
-        row, col, rows, cols = widened((*query.goal, 1, 1), (reach, reach), grid.shape)
-        area = (row + 1, row + rows + 1, col + 1, col + cols + 1)  # `records.Area`
-        searched = (workspace.g, workspace.meta, workspace.stamp)  # `records.Searched`
-        nodes, onwards = np.empty((2, 2, rows * cols), np.int32)
-        costs = np.empty((2, rows * cols), np.float32)
-        counts = least_of_cells(searched, _frame(grid, workspace), area, nodes, costs, onwards)
-        begun, settled = (
-            Seeds(nodes[at, :count], costs[at, :count], onwards[at, :count])
-            for at, count in enumerate(counts)
-        )
-        return cls(begun, settled, code == EXHAUSTED, spent)
-
-    def hold(self, node: int) -> bool:
-        """Whether the search came to a cell."""
-        return any(bool((cells.nodes == node).any()) for cells in (self.begun, self.settled))
-
-    def mark(self, region: Region, stride: int) -> None:
-        """Add the cells to a region."""
-        for cells in (self.begun, self.settled):
-            row, col = np.divmod(cells.nodes, stride)
-            region.bitmap[region.row_block[row - 1], region.col_block[col - 1]] = region.stamp
-
-    def put_into(self, field: Workspace) -> None:
-        """Have a field tell the costs of the cells within, where they are less than it has them."""
-        nodes, costs, onwards = self.settled
-        cheaper = costs < field.costs(nodes.astype(np.int64))
-        field.g[2 * nodes[cheaper]] = costs[cheaper]
-        field.meta[2 * nodes[cheaper] + 1] = (field.stamp << STAMP_SHIFT) | onwards[cheaper]
-
 
 def spreading(
     grid: "Grid",
-    states: States,
     workspace: Workspace,
     starting: Bool,
-    wanted: Bool | None = None,
+    wanted: Bool,
     inside: Parts = kernels.NO_REGION,
+    field: Field = NO_FIELD,
 ) -> Spreading:
     """How costs spread from the `starting` states (S,) of a cell to those that are `wanted` at
-    another, guided by nothing.
+    another, guided by a field.
     """
-    nothing = np.empty((0, 0), np.float32)
-    no_field = tuple(Field(workspace.g[:0], workspace.meta[:0], 0, 0, 0, 0.0, nothing))
-    before = (*states.packed, no_field, inside)
-    frame = _frame(grid, workspace)
-    nowhere = np.zeros_like(starting) if wanted is None else wanted
+    states = grid.robot.states()
+    step, _ = grid.prices
+    legs = Legs(0.0, 0.0, 0.0)
     width = bucket_width(grid)
-    rule = StateRule(_UNJUDGED, width, kernels.BELOW, 0.0, frame, starting, nowhere)
+    if field is not NO_FIELD:
+        legs = _best(grid)
+        width = step * BUCKET_WIDTH_BY_LANDMARKS
+    again = step / REOPENED_WITHIN if len(field.between) else 0.0
+    frame = _frame(grid, workspace)
+    rule = StateRule(tuple(legs), width, kernels.BELOW, again, frame, starting, wanted)
+    before = (states.poses, states.edges, tuple(states.prices), tuple(field), inside)
     return Spreading(expand_states, before, rule)
 
 
 class FromGoal:
-    """A search from the goal, beside one from the start that takes long: is there a way at all?
+    """A search of states from a query's goal, on the whole map, which nothing guides.
 
-    A body that stands the other way round can go back wherever it can go there. Nothing guides it.
+    A body that stands the other way round can go back wherever it can go there, at the same cost.
     """
 
-    def __init__(
-        self,
-        grid: "Grid",
-        query: Query,
-        workspace: Workspace,
-        inside: Parts,
-        starting: Bool,
-        at_goal: Bool,
-    ) -> None:
-        states = grid.robot.states()
-        assert states is not None
-        self.memory = workspace.from_goal
+    def __init__(self, grid: "Grid", query: Query, memory: Workspace) -> None:
+        self.query = query
+        self.memory = memory
+        self.code = PAUSED
         self.expansions = 0
-        self.refused = math.inf
-        begun, ended = (_turned_round(each) for each in (at_goal, starting))
-        self._search = spreading(grid, states, self.memory, begun, ended, inside)
+        self._grid = grid
+        begun, ended = (_turned_round(states) for states in _at_ends(query, memory.states)[::-1])
+        self._search = spreading(grid, memory, begun, ended)
         self._ends = Ends(grid.node(*query.goal), grid.node(*query.start))
-        self._deadline = query.deadline
-        self._done = False
 
-    def finds_none(self, most: int) -> bool:
-        """Whether there is no way, once it has gone on to so many expansions in all; not where that
-        is not known yet.
+    def go_on(self, most: int) -> int:
+        """Go on to so many expansions in all, while it is open whether a way leads to the start;
+        the expansions that it took.
         """
-        if self._done or most <= self.expansions:
-            return False
-        left = most - self.expansions
-        found = run(*self._search, self._ends, self.memory, left, self._deadline)
-        code, _, self.expansions, self.refused = found
-        self._ends = self._ends._replace(start=ON)
-        self._done = code != PAUSED
-        return bool(code == EXHAUSTED)
+        before = self.expansions
+        if self.code == PAUSED and most > before:
+            found = run(*self._search, self._ends, self.memory, most - before, self.query.deadline)
+            self.code, _, self.expansions, _ = found
+            self._ends = self._ends._replace(start=ON)
+        return self.expansions - before
+
+    def shut_in(self, workspace: Workspace) -> tuple[Workspace | None, int]:
+        """Memory of a search that came to all, few states, that can be reached from one end; and
+        the expansions. To a goal with a heading it goes on to the last metres.
+        """
+        spent = 0
+        if not self.expansions:
+            flood = spreading(self._grid, workspace, *_at_ends(self.query, workspace.states))
+            ends = Ends(self._ends.goal, self._ends.start)
+            code, _, spent, _ = run(*flood, ends, workspace, AT_ENDS, self.query.deadline)
+            if code == EXHAUSTED:
+                return workspace, spent
+        spent += self.go_on(AT_ENDS if self.query.wanted is None else AROUND_GOAL)
+        return self.memory if self.code == EXHAUSTED else None, spent
+
+    @cached_property
+    def last_metres(self) -> tuple[Seeds, Seeds] | None:
+        """Least costs of the cells that it came to: of those where it stopped, from which all ways
+        lead on to the goal, and of those within; None where the start is one of them.
+        """
+        grid = self._grid
+        memory = self.memory
+        # they lie in a rectangle around the goal
+        moves = grid.robot.states().prices.moves
+        reach = int(memory.least_open / grid.prices[0])
+        reach += 2 * int(np.abs(moves[..., [DOWN, RIGHT]]).max())
+        nodes = grid.nodes(widened((*self.query.goal, 1, 1), (reach, reach), grid.shape)).ravel()
+        words = memory.meta[1::2].reshape(-1, memory.states)
+        nodes = nodes[(words[nodes] >> STAMP_SHIFT == memory.stamp).any(1)]
+        if self._ends.goal in nodes:
+            return None
+        words = words[nodes]
+        came = words >> STAMP_SHIFT == memory.stamp
+        waits = words & OPEN_BIT > 0
+        g = memory.g[::2].reshape(-1, memory.states)[nodes]
+        begun, within = (
+            _least_of(nodes, np.where(came & chosen, g, np.float32(np.inf)))
+            for chosen in (waits, ~waits)
+        )
+        return begun, within
+
+
+def _least_of(nodes: Int64, costs: Float32s) -> Seeds:
+    """The least costs of nodes (N,) by states (N, S) that a search from the goal came to."""
+    states = costs.argmin(1)
+    # a way on leaves it the other way round than the search came to it, but in reverse
+    onwards = np.where(states < DIRECTION_COUNT, states + DIRECTION_COUNT // 2, states)
+    onwards %= DIRECTION_COUNT
+    least = costs.min(1)
+    found = least < np.inf
+    return Seeds(nodes[found].astype(np.int32), least[found], onwards[found].astype(np.int32))
 
 
 def search_states(
@@ -231,84 +201,181 @@ def search_states(
     query: Query,
     workspace: Workspace,
     region: Region | None,
-    last_metres: LastMetres | None,
+    from_goal: FromGoal | None,
     limit: int | None = None,
 ) -> Search:
     """The cheapest path over a body's states, as `robots.Robot.search`.
 
-    `last_metres` to the goal, of a query with a heading there, spare expansions; their cells are
+    The search `from_goal` goes on meanwhile, as far as that pays; cells of its last metres are
     added to the region. In a region no path costs less than the octile distance, which is all that
     is known of those that lead out of it.
     """
     robot = grid.robot
-    states = robot.states()
-    field = workspace.field
-    assert states is not None and field is not None
-    first = grid.node(*query.start)
-    last = grid.node(*query.goal)
-    if first == last and _may_stay(query):
-        return Search(Status.OK, np.array([_at_once(query)[: robot.moves.columns]], np.int32), 0)
-    if last_metres is not None and last_metres.hold(first):
-        last_metres = None  # so near that the field may as well begin at the goal
-    elif last_metres is not None and last_metres.exhausted:
-        return Search.without_path(Status.NO_PATH, columns=robot.moves.columns)
+    deadline = query.deadline
+    columns = robot.moves.columns
+    starting, at_goal = _at_ends(query, workspace.states)
+    stays = starting & at_goal
+    if query.start == query.goal and stays.any():
+        place = (*query.start, int(stays.argmax()))
+        return Search(Status.OK, np.array([place[:columns]], np.int32), 0)
+    ends = Ends(grid.node(*query.start), grid.node(*query.goal))
     most = limit or WITHOUT_END
+    until = most
+    spent = 0
+    if from_goal is not None:
+        until = LATE_ON_MAP if region is None else LATE_IN_REGION
+        exhausted, spent = from_goal.shut_in(workspace)
+        if exhausted is not None:
+            nothing = Search.without_path(Status.NO_PATH, spent, columns=columns)
+            return nothing._replace(exhausted=exhausted)
+    # fill the field, from the goal to the start
     refused_at_least = math.inf if region is None else octile_cost(grid, query)
-    # where the field begins
-    seeds = goal_alone(grid, query)
-    if last_metres is not None:
-        seeds = last_metres.begun
-        while len(field.entries) < 4 * len(seeds.nodes):
-            field.grow()
-        if region is not None:
-            last_metres.mark(region, grid.stride)
-    # fill it, from the goal to the start
-    turns = turns_in_field(grid, query, region)
-    code, spent, refused = filled(grid, query, field, region, turns, seeds, most)
-    if last_metres is not None:
-        last_metres.put_into(field)
+    assert workspace.field is not None
+    code, filling, field = _guide(grid, query, workspace.field, region, from_goal, most)
+    spent += filling
     if code != FOUND:
         status = Status.NO_PATH if code == EXHAUSTED else Status.TIMEOUT
-        refused = min(refused, refused_at_least)
-        nothing = Search.without_path(status, spent, refused, robot.moves.columns)
-        return nothing._replace(exhausted=field if code == EXHAUSTED else None)
+        nothing = Search.without_path(status, spent, refused_at_least, columns)
+        return nothing._replace(exhausted=workspace.field if code == EXHAUSTED else None)
     # search the states by it, from the start to the goal
-    guide = Guide(first, float(field.g[2 * first]), turns)
-    found = by_field(grid, query, workspace, region, guide, most)
-    if found.status is not Status.NO_PATH or found.refused_f < math.inf:
-        found = found._replace(refused_f=refused_at_least)
-    return found._replace(expansions=found.expansions + spent)
+    promised = field.floor
+    search = spreading(grid, workspace, starting, at_goal, allowed(region), field)
+    onwards = ends
+    expansions = 0
+    exhausted = workspace
+    while True:
+        found = run(*search, onwards, workspace, until - expansions, deadline)
+        code, length, expansions, refused = found
+        if code != PAUSED or expansions >= most or deadline.passed:
+            break
+        # it takes long: the search from the goal goes on, too, for the last metres at first
+        assert from_goal is not None
+        onwards = ends._replace(start=ON)
+        until = max(2 * expansions, LATE_ON_MAP)
+        first = from_goal.expansions < AROUND_GOAL
+        spent += from_goal.go_on(max(AROUND_GOAL, int(CHECKED_SHARE * expansions)))
+        if from_goal.code == EXHAUSTED:
+            code = EXHAUSTED
+            exhausted = from_goal.memory
+            refused = math.inf
+            break
+        if first and from_goal.last_metres is not None:
+            memory = from_goal.memory.field
+            assert memory is not None
+            filled_as, filling, field = _guide(grid, query, memory, region, from_goal, most)
+            spent += filling
+            if filled_as == EXHAUSTED:
+                code = EXHAUSTED
+                exhausted = memory
+                refused = refused_at_least
+                break
+            if filled_as == FOUND and field.floor > RISEN * promised:
+                search = spreading(grid, workspace, starting, at_goal, allowed(region), field)
+                onwards = ends
+                spent += expansions
+                expansions = 0
+    end = int(workspace.counts[BEST_NODE])
+    prices = tuple(robot.states().prices)
+    trace = partial(trace_states, prices=prices, frame=_frame(grid, workspace))
+    result = traced(trace, workspace, code, end, length, expansions + spent, refused)
+    path = result.path
+    if columns == 2:  # cells alone, of those that it turns on one
+        moved = np.any(np.diff(path[:, :2], axis=0, prepend=-1), axis=1)
+        path = np.ascontiguousarray(path[moved, :2])
+    return result._replace(
+        path=path,
+        refused_f=math.inf if code == EXHAUSTED and refused == math.inf else refused_at_least,
+        promised=promised,
+        exhausted=exhausted if code == EXHAUSTED else None,
+    )
 
 
-def goal_alone(grid: "Grid", query: Query) -> Seeds:
+def _at_ends(query: Query, count: int) -> tuple[Bool, Bool]:
+    """States (S,) in which a body may start, and those that will do at the goal."""
+    starting, at_goal = np.ones((2, count), np.bool_)
+    if query.direction >= 0:
+        starting[:] = np.arange(count) == query.direction
+    if query.wanted is not None:
+        at_goal[:] = np.resize(query.wanted, count)
+    return starting, at_goal
+
+
+def _turned_round(states: Bool) -> Bool:
+    """(S,) states in which a body stands the other way round, in any gear."""
+    directions = states.reshape(-1, DIRECTION_COUNT).any(0)
+    return np.resize(np.roll(directions, DIRECTION_COUNT // 2), len(states))
+
+
+def _guide(
+    grid: "Grid",
+    query: Query,
+    memory: Workspace,
+    region: Region | None,
+    from_goal: FromGoal | None,
+    most: int,
+) -> tuple[int, int, Field]:
+    """The field that guides a search: what filling it comes to, the expansions, and the field. It
+    begins with the last metres, where these are known.
+    """
+    seeds = _goal_alone(grid, query)
+    within = None
+    if from_goal is not None and from_goal.expansions >= AROUND_GOAL and from_goal.last_metres:
+        seeds, within = from_goal.last_metres
+        if region is not None:
+            row, col = np.divmod(np.concatenate((seeds.nodes, within.nodes)), grid.stride)
+            region.bitmap[region.row_block[row - 1], region.col_block[col - 1]] = region.stamp
+    code, spent = _filled(grid, query, memory, region, seeds, most)
+    if within is not None:  # where these cost less than the field has them
+        cheaper = within.costs < memory.costs(within.nodes.astype(np.int64))
+        memory.g[2 * within.nodes[cheaper]] = within.costs[cheaper]
+        words = (memory.stamp << STAMP_SHIFT) | within.onwards[cheaper]
+        memory.meta[2 * within.nodes[cheaper] + 1] = words
+    start = grid.node(*query.start)
+    place = divmod(start, grid.stride)
+    turns = _turns_in_field(grid, query, region)
+    promised = float(memory.g[2 * start])
+    return code, spent, Field(memory.g, memory.meta, memory.stamp, *place, promised, turns)
+
+
+def _goal_alone(grid: "Grid", query: Query) -> Seeds:
     """A field begins at the goal."""
     node, onwards = np.array([[grid.node(*query.goal)], [0]], np.int32)
     return Seeds(node, np.zeros(1, np.float32), onwards)
 
 
-def filled(
+def _filled(
     grid: "Grid",
     query: Query,
     field: Workspace,
     region: Region | None,
-    turns: Float32s,
     seeds: Seeds,
     most: int = WITHOUT_END,
     *,
     anew: bool = True,
-) -> Parts:
-    """What filling the field of a region comes to: the code, the expansions, the least f of a cell
-    that the region refused. Unless `anew` the field holds what it held.
+) -> tuple[int, int]:
+    """What filling the field of a region comes to: the code, and the expansions. Unless `anew` the
+    field holds what it held.
     """
     states = grid.robot.states()
     prices = states.prices
     if region is not None:  # legs alone count
         rays = prices.rays[:DIRECTION_COUNT]
         prices = prices._replace(rays=rays, ray_fares=prices.ray_fares[:DIRECTION_COUNT])
-    rule = FieldRule(tuple(_best(grid)), bucket_width(grid), turns)
+    while len(field.entries) < 4 * len(seeds.nodes):
+        field.grow()
+    rule = FieldRule(tuple(_best(grid)), bucket_width(grid), _turns_in_field(grid, query, region))
     before = (states.poses, states.edges, tuple(prices), allowed(region), tuple(seeds))
     ends = Ends(grid.node(*query.goal), grid.node(*query.start))
-    return run(fill_field, before, rule, ends, field, most, query.deadline, anew=anew)
+    code, spent, _ = run(fill_field, before, rule, ends, field, most, query.deadline, anew=anew)
+    return code, spent
+
+
+def _turns_in_field(grid: "Grid", query: Query, region: Region | None) -> Float32s:
+    """Costs of turns in the costs to go of cells; on the whole map they are free."""
+    turns = grid.robot.states().prices.turns
+    if region is None:
+        return turns[:0]
+    return np.float32(grid.robot.moves.turns_in_field(query.apart)) * turns
 
 
 def may_open(grid: "Grid", query: Query, memory: Workspace, part: Rectangle) -> bool:
@@ -321,15 +388,10 @@ def may_open(grid: "Grid", query: Query, memory: Workspace, part: Rectangle) -> 
     if memory.states > 1 or not came.any():
         return bool(came.any())
     nodes = near[came].astype(np.int32)
-    onwards = memory.meta[2 * nodes + 1] & DIRECTION_BITS
-    while len(memory.entries) < 4 * len(nodes):
-        memory.grow()
-    seeds = Seeds(nodes, costs[came], onwards)
-    free_turns = grid.robot.states().prices.turns[:0]
+    seeds = Seeds(nodes, costs[came], memory.meta[2 * nodes + 1] & DIRECTION_BITS)
     query = query._replace(deadline=NEVER)
-    most = AGAIN_EXPANSIONS
-    code, *_ = filled(grid, query, memory, None, free_turns, seeds, most, anew=False)
-    return bool(code != EXHAUSTED)
+    code, _ = _filled(grid, query, memory, None, seeds, AGAIN_EXPANSIONS, anew=False)
+    return code != EXHAUSTED
 
 
 def costs_of_cells(grid: "Grid", start: Cell, memory: Workspace, deadline: Deadline) -> Float32s:
@@ -337,92 +399,9 @@ def costs_of_cells(grid: "Grid", start: Cell, memory: Workspace, deadline: Deadl
     field = memory.field
     assert field is not None
     everywhere = Query(grid.cell(NOWHERE), start, deadline=deadline)
-    free_turns = grid.robot.states().prices.turns[:0]
-    filled(grid, everywhere, field, None, free_turns, goal_alone(grid, everywhere))
+    _filled(grid, everywhere, field, None, _goal_alone(grid, everywhere))
     deadline.check()
     return grid.inner(field.costs())
-
-
-def by_field(
-    grid: "Grid",
-    query: Query,
-    workspace: Workspace,
-    region: Region | None,
-    guide: Guide,
-    most: int,
-) -> Search:
-    """The search over states, once the field is there."""
-    states = grid.robot.states()
-    field = workspace.field
-    assert states is not None and field is not None
-    start = divmod(guide.begun, grid.stride)
-    judge = Field(field.g, field.meta, field.stamp, *start, guide.promised, guide.turns)
-    starting, at_goal = np.ones((2, workspace.states), np.bool_)
-    if query.direction >= 0:
-        starting[:] = np.arange(workspace.states) == query.direction
-    if query.wanted is not None:
-        at_goal[:] = np.resize(query.wanted, workspace.states)
-    step, _ = grid.prices
-    frame = _frame(grid, workspace)
-    rule = StateRule(
-        tuple(_best(grid)),
-        step * BUCKET_WIDTH_BY_LANDMARKS,
-        kernels.BELOW,
-        step / REOPENED_WITHIN if len(guide.turns) else 0.0,
-        frame,
-        starting,
-        at_goal,
-    )
-    ends = Ends(grid.node(*query.start), grid.node(*query.goal))
-    inside = allowed(region)
-    deadline = query.deadline
-    before = (*states.packed, tuple(judge), inside)
-    search = Spreading(expand_states, before, rule)
-    unchecked = most if len(states.edges) else min(most, CHECKED_FROM)
-    code, length, expansions, refused = run(*search, ends, workspace, unchecked, deadline)
-    exhausted = workspace
-    checked = 0
-    if code == PAUSED and unchecked < most and not deadline.passed:
-        # look from the goal, too, whether any way leads there, while this goes on
-        check = FromGoal(grid, query, workspace, inside, starting, at_goal)
-        while code == PAUSED and expansions < most and not deadline.passed:
-            if check.finds_none(int(CHECKED_SHARE * expansions)):
-                code = EXHAUSTED
-                refused = check.refused
-                exhausted = check.memory
-                break
-            ends = ends._replace(start=ON)
-            more = min(expansions, most - expansions)
-            code, length, expansions, refused = run(*search, ends, workspace, more, deadline)
-        checked = check.expansions
-    end = int(workspace.counts[BEST_NODE])
-    trace = partial(trace_states, prices=tuple(states.prices), frame=frame)
-    found = traced(trace, workspace, code, end, length, expansions + checked, refused)
-    if code == EXHAUSTED:
-        found = found._replace(exhausted=exhausted)
-    path = found.path
-    if grid.robot.moves.columns == 2:  # cells alone, of those that it turns on one
-        moved = np.any(np.diff(path[:, :2], axis=0, prepend=-1), axis=1)
-        path = np.ascontiguousarray(path[moved, :2])
-    return found._replace(path=path, promised=guide.promised)
-
-
-def _turned_round(states: Bool) -> Bool:
-    """(S,) states in which a body stands the other way round, in any gear."""
-    directions = states.reshape(-1, DIRECTION_COUNT).any(0)
-    return np.resize(np.roll(directions, DIRECTION_COUNT // 2), len(states))
-
-
-def _may_stay(query: Query) -> bool:
-    """Whether a body that is at the goal need not turn."""
-    return query.direction < 0 or query.wanted is None or bool(query.wanted[query.direction])
-
-
-def _at_once(query: Query) -> tuple[int, int, int]:
-    """The state in which a body that need not move stands at the goal."""
-    if query.direction < 0 and query.wanted is not None:
-        return *query.start, int(np.argmax(query.wanted))
-    return *query.start, max(query.direction, 0)
 
 
 def octile_cost(grid: "Grid", query: Query) -> float:
@@ -432,17 +411,6 @@ def octile_cost(grid: "Grid", query: Query) -> float:
 def _frame(grid: "Grid", workspace: Workspace) -> Packed:
     """How states are numbered."""
     return tuple(Frame(workspace.states.bit_length() - 1, grid.stride))
-
-
-def turns_in_field(grid: "Grid", query: Query, region: Region | None) -> Float32s:
-    """Costs of turns in the costs to go of cells; on the whole map they are free."""
-    states = grid.robot.states()
-    assert states is not None
-    if region is None:
-        return states.prices.turns[:0]
-    share = grid.robot.moves.turns_in_field(query.apart)
-    turns: Float32s = np.float32(share) * states.prices.turns
-    return turns
 
 
 def _best(grid: "Grid") -> Legs:

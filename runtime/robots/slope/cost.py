@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.cells import Sides
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.directed import PER_SLOPE, STEEPEST
 
@@ -48,6 +49,10 @@ class SlopeCost(ABC):
     """Of its costs; empty where that is its coefficients'."""
     function: ClassVar[str] = ""
     """Whose it is, as a plan tells it: of models of a walker."""
+    symmetric: ClassVar[bool] = False
+    """Whether steps cost the same both ways: all is said by `ground`, and `per_m` is the same on
+    every slope. Landmarks and any angle serve then, and a cell takes 4 bytes, not 32.
+    """
 
     @property
     def kinks(self) -> Slopes:
@@ -60,7 +65,7 @@ class SlopeCost(ABC):
         above it.
         """
 
-    def ground(self, dem: Float2D, sides_m: tuple[float, float]) -> Float2D:
+    def ground(self, dem: Float2D, sides_m: Sides) -> Float2D:
         """How many times as dear a metre is on each cell of a map of heights, (H, W) from 1 up; (0,
         0) where that does not count.
 

@@ -10,20 +10,31 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arrays import Cells, Float2D, Float32s, Floats, UInt16
 from nnpp_edge.runtime.bands import in_bands, stripes
-from nnpp_edge.runtime.cells import Cell, Rectangle, enclosing, slices, widened
+from nnpp_edge.runtime.cells import (
+    Cell,
+    Rectangle,
+    Sides,
+    above,
+    enclosing,
+    holding,
+    slices,
+    widened,
+)
 from nnpp_edge.runtime.kernels.directed import join_steps, pool_steps, price_steps
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.kernels.records import FinerSteps, SlopePrices, Ways
-from nnpp_edge.runtime.robots.robot import WAYS, Edges, PathCosts, Price, Robot
+from nnpp_edge.runtime.options import CELLS
+from nnpp_edge.runtime.robots.robot import WAYS, Edges, PathCosts, Price
 from nnpp_edge.runtime.robots.slope.cost import SlopeCost
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.map.changes import Change
     from nnpp_edge.runtime.map.grid import Grid
     from nnpp_edge.runtime.map.pyramid import Level
+    from nnpp_edge.runtime.map.state import MapState
 
 _ROUNDED_DOWN = 1.0 - 1e-6
 """Of the cheapest step: edges are rounded to float32, the prices of the heuristic are not."""
@@ -35,12 +46,41 @@ _THREADS_FROM = 20_000
 """Cells from which on steps are computed by a thread a core."""
 
 
+class GroundPrice(Price):
+    """Costs of steps of a map of heights that depend on the ground, not on the slope: each is a
+    metre's on the mean of both ends' ground, the same both ways.
+    """
+
+    def __init__(self, heights: Float2D, sides_m: Sides, model: SlopeCost, point: "Grid") -> None:
+        self._place = model, heights, sides_m
+        self._point = point
+        self._cell = np.float32(sides_m[0] * float(model.cost(1.0, 0.0)))
+        """Cost of a cell's length."""
+
+    def weights(self, part: Rectangle) -> Float2D:
+        weights: Float2D = self._cell * _ground_of(*self._place, part)
+        return weights
+
+    def costs_of(self, grid: "Grid", path: Cells) -> PathCosts:
+        cost, length, _ = super().costs_of(grid, path)
+        return cost, length, super().costs_of(self._point, path)[2]
+
+
+def _ground_of(model: SlopeCost, heights: Float2D, sides_m: Sides, part: Rectangle) -> Float2D:
+    """(h, w) how many times as dear a metre is on the cells of a part; (0, 0) where that does not
+    count.
+    """
+    row, col, rows, cols = part
+    top, left, *_ = around = widened(part, (1, 1), heights.shape)
+    ground = model.ground(heights[slices(around)], sides_m)
+    here: Float2D = ground[slices((row - top, col - left, rows, cols))]
+    return here
+
+
 class CoarseSlopePrice(Price):
     """Costs of the steps of a coarse level, both ways; `prices` are those of the map's
     own steps.
     """
-
-    symmetric = False
 
     def __init__(self, shape: Cell, prices: tuple[float, float]) -> None:
         rows, cols = shape
@@ -51,16 +91,13 @@ class CoarseSlopePrice(Price):
         finest level.
         """
         self.finer = FinerSteps(self.means, np.arange(8))
-        nodes = (rows + 2) * (cols + 2)
-        self.forwards: Edges = np.full((nodes, 8), np.inf, np.float32)
-        """(nodes, 8) of the step that leaves a node in each direction."""
-        self.backwards: Edges = np.full((nodes, 8), np.inf, np.float32)
-        """(nodes, 8) of the step by which a node is come to from its neighbour in each
-        direction.
+        self.both_ways: Edges = np.full((2, *self.means.shape), np.inf, np.float32)
+        """Likewise, of the step that leaves a cell in each direction, and of that by which it is
+        come to from its neighbour there.
         """
 
     def edges(self, backwards: bool = False) -> Edges:
-        return self.backwards if backwards else self.forwards
+        return self.both_ways[int(backwards)].reshape(-1, 8)
 
     def bounds(self, grid: "Grid", shortest: float) -> tuple[float, float, float]:
         return *self._prices, math.inf
@@ -68,26 +105,24 @@ class CoarseSlopePrice(Price):
     def average(
         self,
         finer: FinerSteps,
-        pieces: NDArray[np.uint16],
+        pieces: UInt16,
         area: Rectangle,
-        obstacle: NDArray[np.float32],
+        obstacle: Float32s,
     ) -> None:
         """Bring a rectangle of this level's cells up to date, and their steps.
 
         `finer` is of the map or the finer level; `pieces` and `obstacle` as for
         `kernels.directed.pool_steps`.
         """
-        edges, backwards = (
-            each.reshape(self.means.shape) for each in (self.forwards, self.backwards)
-        )
-        (row, col, rows, cols), (top, left, tall, wide) = area, widened(area, (1, 1), self.shape)
+        row, col, rows, cols = area
+        top, left, tall, wide = widened(area, (1, 1), self.shape)
 
         def pool(row0: int, row1: int) -> None:
             area = (row0, row1, col, col + cols)  # `records.Area`
             pool_steps(tuple(finer), pieces, obstacle, area, self.means)
 
         in_bands(pool, row, row + rows, cols, threads_from=_THREADS_FROM)
-        join_steps(self.means, (top, top + tall, left, left + wide), edges, backwards)
+        join_steps(self.means, (top, top + tall, left, left + wide), *self.both_ways)
 
 
 class DirectedPrice(Price):
@@ -98,15 +133,14 @@ class DirectedPrice(Price):
     lead.
     """
 
-    symmetric = False
-
     def __init__(
         self,
-        heights: NDArray[np.float32],
-        sides_m: tuple[float, float],
+        heights: Float2D,
+        sides_m: Sides,
         model: SlopeCost,
         grid: "Grid",
     ) -> None:
+        self._place = model, heights, sides_m
         self._model = model
         self._heights = heights
         self._sides = sides_m
@@ -114,16 +148,17 @@ class DirectedPrice(Price):
         self.shape = grid.shape
         rows, cols = grid.shape
         dy, dx = sides_m
-        self._ground = np.ascontiguousarray(model.ground(heights, sides_m), np.float32)
+        self._ground = np.ascontiguousarray(_ground_of(*self._place, (0, 0, rows, cols)))
         """(H, W) how many times as dear a metre is on each cell; (0, 0) where that does not
         count."""
         self.metre = float(model.cost(1.0, 0.0))
         leads = np.array(self._under.moves.ways, np.int64)
         lengths = np.hypot(*(leads * sides_m).T)
-        self._weights = self._under.stance.weights(grid)
-        if len(self._weights):
+        by_weights = self._under.moves.over == CELLS
+        if by_weights:
             grid.complete()
-        self._ways = Ways(leads, lengths, len(self._weights) > 0, grid.corner_cutting)
+        self._weights = grid.weights
+        self._ways = Ways(leads, lengths, by_weights, grid.corner_cutting)
         kinks, level, gradient = model.table
         gradient = gradient - model.height_price
         prices = model.least_per_m, model.height_price
@@ -154,10 +189,7 @@ class DirectedPrice(Price):
         new = part if heights else (0, 0, 0, 0)
         if len(self._ground) and new[2]:
             new = widened(new, (1, 1), self.shape)
-            seen = widened(new, (1, 1), self.shape)
-            ground = self._model.ground(self._heights[slices(seen)], self._sides)
-            inside = (new[0] - seen[0], new[1] - seen[1], *new[2:])
-            self._ground[slices(new)] = ground[slices(inside)]
+            self._ground[slices(new)] = _ground_of(*self._place, new)
         parts = [each for each in (new, change.part) if each[2] and each[3]]
         if not parts:
             return change
@@ -168,19 +200,17 @@ class DirectedPrice(Price):
         changed = (here != before).any(2)
         if not changed.any():
             return change
-        found = np.argwhere(changed)
-        (top, left), (bottom, right) = found.min(0).tolist(), found.max(0).tolist()
-        steps = row + top, col + left, bottom - top + 1, right - left + 1
-        whole = enclosing([steps, change.part]) if change.cells else steps
+        found = np.argwhere(changed) + np.array((row, col))
+        parts = [holding(found), change.part] if change.cells else [holding(found)]
         cheaper = change.cheaper or bool((here < before).any())
-        return change._replace(part=whole, cells=max(change.cells, len(found)), cheaper=cheaper)
+        return change._replace(
+            part=enclosing(parts), cells=max(change.cells, len(found)), cheaper=cheaper
+        )
 
     def edges(self, backwards: bool = False) -> Edges:
         return self._edges
 
-    def walk(
-        self, grid: "Grid", path: NDArray[np.int32], first: int, costs: NDArray[np.float64]
-    ) -> int:
+    def walk(self, grid: "Grid", path: Cells, first: int, costs: Floats) -> int:
         blocked = self._under.moves.walk_turns(grid, path, first, costs, self.metre)
         cells = path[first:]
         lengths = np.hypot(*(np.diff(cells, axis=0) * self._sides).T)
@@ -195,7 +225,7 @@ class DirectedPrice(Price):
         costs[first] = 0.0
         return blocked
 
-    def costs_of(self, grid: "Grid", path: NDArray[np.int32]) -> PathCosts:
+    def costs_of(self, grid: "Grid", path: Cells) -> PathCosts:
         cost, length, traverse_cost = self._under.price.costs_of(grid, path)
         if len(path):
             costs = np.zeros(len(path))
@@ -221,19 +251,13 @@ class DirectedPrice(Price):
 
     def pool(self, levels: Sequence["Level"], changed: Rectangle) -> Iterator[None]:
         finer = self.finer
-        row0, col0, rows, cols = changed
-        row1 = row0 + rows
-        col1 = col0 + cols
+        part = changed
         for level in levels:
-            shape = level.grid.shape
-            row0 = max(row0 // FACTOR - 1, 0)
-            row1 = min(-(-row1 // FACTOR) + 1, shape[0])
-            col0 = max(col0 // FACTOR - 1, 0)
-            col1 = min(-(-col1 // FACTOR) + 1, shape[1])
+            row, col, rows, cols = part = widened(above(part, FACTOR), (1, 1), level.grid.shape)
             coarse = level.grid.robot.price
             assert isinstance(coarse, CoarseSlopePrice)
-            for first, last in stripes(row1 - row0, 8 * FACTOR**2 * (col1 - col0)):
-                area = (row0 + first, col0, last - first, col1 - col0)
+            for first, last in stripes(rows, 8 * FACTOR**2 * cols):
+                area = (row + first, col, last - first, cols)
                 coarse.average(finer, level.pieces, area, self.obstacle)
                 yield
             finer = coarse.finer
@@ -254,6 +278,11 @@ class DirectedPrice(Price):
         self._greatest = max(dearest)
 
 
-def by_slope(grid: "Grid", heights: Edges, sides_m: tuple[float, float], model: SlopeCost) -> Robot:
-    """The robot of a grid, with steps that cost by the slope."""
-    return grid.robot._replace(price=DirectedPrice(heights, sides_m, model, grid))
+def price_of(state: "MapState", model: SlopeCost) -> Price:
+    """What the steps of a map's robot cost by a model: by its cells, where these say it all."""
+    assert state.heights is not None and state.sides_m is not None
+    place = state.heights.array, state.sides_m, model
+    dy, dx = state.sides_m
+    if model.symmetric and dy == dx and state.grid.robot.moves.over == CELLS:
+        return GroundPrice(*place, state.point)
+    return DirectedPrice(*place, state.grid)
