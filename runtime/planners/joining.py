@@ -68,6 +68,8 @@ class Joiner:
             way = self._led(way, len(way) - 1, len(way) - 1, place)
         if way is not None and away != ON_IT:
             way = self._led(way, 0, 0, place)
+        if way is None or self._grid.walk(way, 0, np.empty(len(way))) >= 0:
+            return None  # an end itself may be blocked
         return way
 
     def _arrives(self, way: Int32, place: Query) -> bool:
