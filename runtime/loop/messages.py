@@ -12,8 +12,13 @@ from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidMapError, NnppEdgeError, Status, shown
 from nnpp_edge.runtime.robots.body.arcs import Arc
 
-_WANTED = {int: "a whole", float: "a finite", float | None: "a finite"}
-"""Numbers of messages, by the type of the attribute."""
+_WANTED = {
+    int: "a whole number",
+    float: "a finite number",
+    float | None: "a finite number",
+    bool: "True or False",
+}
+"""What attributes of messages are, by their types."""
 
 
 class InvalidMessageError(NnppEdgeError, ValueError):
@@ -72,11 +77,7 @@ class MapPatch:
                 f"a patch's cost must be at least 0, got one of {np.nanmin(values):g}"
             )
         object.__setattr__(self, name, values)
-        _check_numbers(self)
-        if not isinstance(self.keep_known, bool | np.bool_):
-            raise InvalidMessageError(
-                f"a patch's keep_known must be True or False, got {shown(self.keep_known)}"
-            )
+        _check(self)
 
     @property
     def values(self) -> Float2D:
@@ -104,7 +105,7 @@ class Pose:
     """In which a body stands, clockwise from grid north; None: a path begins in any direction."""
 
     def __post_init__(self) -> None:
-        _check_numbers(self)
+        _check(self)
 
     @property
     def cell(self) -> Cell:
@@ -125,7 +126,7 @@ class Goal:
     """In which a body is to arrive, clockwise from up the rows; None: in any. A point has none."""
 
     def __post_init__(self) -> None:
-        _check_numbers(self)
+        _check(self)
 
     @property
     def cell(self) -> Cell:
@@ -299,9 +300,9 @@ class StatusMessage:
 Output = PathMessage | StatusMessage
 
 
-def _check_numbers(message: Input) -> None:
-    """InvalidMessageError unless its whole numbers are such, and the others finite; whole ones
-    become ints.
+def _check(message: Input) -> None:
+    """InvalidMessageError unless its numbers and truth values are such; whole numbers become
+    ints.
     """
     for name, kind in type(message).__annotations__.items():
         value = getattr(message, name)
@@ -312,9 +313,11 @@ def _check_numbers(message: Input) -> None:
             fits = bool(number(value) == value) and math.isfinite(value)
         except (TypeError, ValueError, OverflowError):
             fits = False
+        if kind is bool:
+            fits = isinstance(value, bool | np.bool_)
         if not fits:
             owner = type(message).__name__.removeprefix("Map").lower()
-            wanted = f"a {owner}'s {name} must be {_WANTED[kind]} number"
+            wanted = f"a {owner}'s {name} must be {_WANTED[kind]}"
             raise InvalidMessageError(f"{wanted}, got {shown(value)}")
         if kind is int:
             object.__setattr__(message, name, int(value))

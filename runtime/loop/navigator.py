@@ -199,9 +199,8 @@ class Navigator:
 
     def _answer(self, tick: Tick) -> PathMessage:
         """The ladder's answer to the newest inputs, or what is wrong with them."""
-        with self._inbox:
-            pose = self._pose
-            goal = self._goal
+        pose = self._pose
+        goal = self._goal
         tick.map_version = self._update_map()
         if pose is None or goal is None:
             missing = Status.NO_POSE if pose is None else Status.NO_GOAL
@@ -384,17 +383,16 @@ class Navigator:
         version = self._update_map()
         is_newer = version != tick.map_version
         blocked = -1
-        if is_newer or origin is not Origin.STANDING:  # that has just been checked
+        if is_newer:  # on the map as it was a path is walked where it is planned, joined and kept
             blocked = self.planner.first_blocked(plan.walked)
+            plan = replace(plan, waypoints=None, line_cost=math.inf)  # which are not checked on it
+            standing = self.planner.standing()
+            if standing.valid:
+                plan = replace(plan, cost=standing.cost, lower_bound=standing.lower_bound)
         if blocked >= 0 or tuple(path[0].tolist()) != tick.start:
             words = "a path from %s is not published: it begins elsewhere, or is blocked at cell %d"
             _LOG.info(words, origin, blocked)
             return None
-        if is_newer:  # way points are not checked on it
-            plan = replace(plan, waypoints=None, line_cost=math.inf)
-            standing = self.planner.standing()
-            if standing.valid:
-                plan = replace(plan, cost=standing.cost, lower_bound=standing.lower_bound)
         known = None
         if self.map.unseen is not None:
             as_planned = origin is not Origin.STANDING and not is_newer

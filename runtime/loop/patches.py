@@ -45,8 +45,7 @@ class Patches:
         self._model = state.grid.model
         self._takes_heights = state.has_heights
         self._lock = threading.Lock()
-        self._layers: dict[bool, list[Waiting]] = {True: [], False: []}
-        """Of heights, and of costs."""
+        self._waiting: list[Waiting] = []
         self._cells = 0
         self.taken = 0
         """Patches that the map has."""
@@ -76,10 +75,10 @@ class Patches:
         with self._lock:
             self.counts["patches"] += 1
             self.counts["patches_clipped"] += values.shape != patch.shape
-            self._layers[of_heights].append(Waiting(of_heights, part, values, seen))
+            self._waiting.append(Waiting(of_heights, part, values, seen))
             self._cells += values.size + _OVERHEAD_CELLS
             if self._cells > math.prod(self._shape):
-                self._layers = {which: self._as_one(layer) for which, layer in self._layers.items()}
+                self._waiting = self._merged(least_overlap=0.0)
                 self._cells = 0
 
     @contextmanager
@@ -89,37 +88,44 @@ class Patches:
         Those of a layer are one where they have more cells than the rectangle that holds them all.
         """
         with self._lock:
-            layers = self._layers
-            self._layers = {True: [], False: []}
+            taken = self._merged(least_overlap=1.0)
+            self._waiting = []
             self._cells = 0
             accepted = self.counts["patches"] - self.counts["patches_rejected"]
-            for which, layer in layers.items():
-                cells = sum(one.values.size for one in layer)
-                if layer and cells > math.prod(_whole(layer)[2:]):
-                    layers[which] = self._as_one(layer)
         try:
-            yield [*layers[True], *layers[False]]
+            yield taken
         except BaseException:
             with self._lock:
-                for which, layer in layers.items():
-                    self._layers[which][:0] = layer
+                self._waiting[:0] = taken
             raise
         self.taken = accepted
 
-    def _as_one(self, layer: list[Waiting]) -> list[Waiting]:
-        """Patches of one layer, one after another, as one."""
-        if len(layer) < 2:
-            return layer
-        self.counts["patches_merged"] += len(layer) - 1
-        whole = _whole(layer)
-        values = np.full(whole[2:], np.nan, np.float32)
-        seen = np.zeros(whole[2:], np.bool_)
-        for one in layer:
-            here = _inside(one.part, whole[:2])
-            new = True if one.seen is None else one.seen
-            np.copyto(values[here], one.values, where=new)
-            seen[here] |= new
-        return [Waiting(layer[0].of_heights, whole, values, None if seen.all() else seen)]
+    def _merged(self, least_overlap: float) -> list[Waiting]:
+        """The patches that wait, those of heights first. Those of a layer are made one where they
+        have more cells than so many times the rectangle that holds them all.
+        """
+        found: list[Waiting] = []
+        for of_heights in (True, False):
+            layer = [one for one in self._waiting if one.of_heights is of_heights]
+            cells = sum(one.values.size for one in layer)
+            if len(layer) > 1 and cells > least_overlap * math.prod(_whole(layer)[2:]):
+                self.counts["patches_merged"] += len(layer) - 1
+                layer = [_as_one(layer)]
+            found += layer
+        return found
+
+
+def _as_one(layer: list[Waiting]) -> Waiting:
+    """Patches of one layer, one after another, as one."""
+    whole = _whole(layer)
+    values = np.full(whole[2:], np.nan, np.float32)
+    seen = np.zeros(whole[2:], np.bool_)
+    for one in layer:
+        here = _inside(one.part, whole[:2])
+        new = True if one.seen is None else one.seen
+        np.copyto(values[here], one.values, where=new)
+        seen[here] |= new
+    return Waiting(layer[0].of_heights, whole, values, None if seen.all() else seen)
 
 
 def _whole(layer: list[Waiting]) -> Rectangle:

@@ -135,13 +135,13 @@ class Loop:
     def counters(self) -> Counters:
         """Counts so far; from any thread."""
         histogram = self._histogram
-        lost = {sink.name: getattr(sink, "lost", None) for sink, _ in self._sinks}
+        counting = [sink for sink, _ in self._sinks if hasattr(sink, "lost")]
         return replace(
             self.navigator.counters(),
             overruns=self._ticker.overruns,
             skipped=self._ticker.skipped,
             drops={sink.name: worker.queue.drops for sink, worker in self._sinks},
-            lost={name: count for name, count in lost.items() if count is not None},
+            lost={sink.name: sink.lost for sink in counting},
             tick_ms=histogram.summary_ms(),
             tick_histogram=dict(zip(_BOUNDS_MS, histogram.shorter(_BOUND_OCTAVES), strict=True)),
             tick_sum_s=histogram.sum_s,

@@ -41,11 +41,8 @@ class Change(NamedTuple):
 
     def then(self, newer: "Change") -> "Change":
         """This change and the next one as one."""
-        nodes = newer.nodes
-        old_weights = newer.old_weights
-        if len(self.nodes):
-            nodes = np.append(self.nodes, nodes)
-            old_weights = np.append(self.old_weights, old_weights)
+        nodes = np.append(self.nodes, newer.nodes)
+        old_weights = np.append(self.old_weights, newer.old_weights)
         if len(nodes) > MANY_NODES:
             nodes, first = np.unique(nodes, return_index=True)
             old_weights = old_weights[first]
@@ -80,11 +77,12 @@ class ChangeReader:
 
     def add(self, change: Change) -> None:
         """A change to be read; for `ChangeLog`."""
-        self._unread.append(change)
-        if (count := len(self._unread)) > self._most:
-            pairs = zip(self._unread[::2], self._unread[1::2], strict=False)
-            last = self._unread[count - count % 2 :]
-            self._unread = [older.then(newer) for older, newer in pairs] + last
+        unread = [*self._unread, change]
+        if len(unread) > self._most:
+            last = unread[-1:] if len(unread) % 2 else []
+            pairs = zip(unread[::2], unread[1::2], strict=False)
+            unread = [older.then(newer) for older, newer in pairs] + last
+        self._unread = unread
 
 
 class ChangeLog:
@@ -106,9 +104,7 @@ class ChangeLog:
     def append(self, change: Change) -> None:
         """Write a change down."""
         self.version += 1
-        bare = (
-            change._replace(nodes=NO_NODES, old_weights=NO_WEIGHTS) if len(change.nodes) else change
-        )
+        bare = change._replace(nodes=NO_NODES, old_weights=NO_WEIGHTS)
         for reader in self._readers:
             reader.add(change if reader.keeps_old_weights else bare)
 

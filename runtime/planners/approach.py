@@ -103,7 +103,7 @@ def place_towards(
         if usual > 0.0:  # of a cell; energy may be got back
             cells += costs / usual
     cells[~served] = math.inf
-    best = divmod(int(cells.argmin()), cells.shape[1])
+    best: Cell = divmod(int(cells.argmin()), costs.shape[1])
     if present is not None and served[present] and cells[present] <= cells[best] + _BETTER:
         return present
     return best

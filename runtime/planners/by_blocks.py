@@ -134,4 +134,5 @@ def over(stops: Cells) -> Cells:
     numbers = np.append(0, steps.cumsum())
     cells = np.arange(numbers[-1] + 1)
     between = [np.interp(cells, numbers, along) for along in stops.T]
-    return np.rint(np.column_stack(between)).astype(np.int32)
+    path: Cells = np.rint(np.column_stack(between)).astype(np.int32)
+    return path

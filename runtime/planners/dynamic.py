@@ -14,16 +14,15 @@ import numpy as np
 
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Bool, Cells, Float2D, Int32
-from nnpp_edge.runtime.cells import Cell, apart, as_cell
+from nnpp_edge.runtime.cells import Cell, apart, as_cell, cell_of
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.map.changes import Change
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.options import PlannerOptions
-from nnpp_edge.runtime.planners.joining import ON_IT, Joiner, cell_of, nearest_on
+from nnpp_edge.runtime.planners.joining import ON_IT, Joiner, nearest_on
 from nnpp_edge.runtime.planners.methods import file_of
-from nnpp_edge.runtime.planners.no_path import NoPath
 from nnpp_edge.runtime.planners.on_map import (
     OnMap,
     one_at_a_time,
@@ -141,8 +140,8 @@ class DynamicPlanner(OnMap):
     """As `Query.direction`, at the start."""
     _searching: Searching | None = None
     """A search that goes on."""
-    _no_path: NoPath | None = None
-    """What the last search knows, if there was none."""
+    _no_path: Searching | None = None
+    """The last search, if it found none."""
     _looks_ahead = True
     """Whether searches may start ahead of the robot: not after one that led to nothing."""
     _aim: tuple[Cell, float | None] | None = None
@@ -254,8 +253,7 @@ class DynamicPlanner(OnMap):
         """Whether another path than the standing one is looked for, or is to be: one that leads
         elsewhere than to the goal, as no path led there, may be out of date.
         """
-        standing = self.standing_plan
-        if self._searching is not None or standing is None:
+        if self._searching is not None or self.standing_plan is None:
             return True
         return self._path.end != self.goal and self._state.log.version != self._searched
 
@@ -321,11 +319,11 @@ class DynamicPlanner(OnMap):
         memory = self._methods.astar.workspace
         touch(memory, memory.field or memory, self._path)
         self._methods.descent.touch()
-        if self.method is DynamicMethod.DSTAR:
-            self._methods.prepare_to_mend_map(self.goal)
-        if self.method.entry.keeps and self.method.entry.needs:
-            self._methods.mending.prepare(self.goal)
-        if "network" in self.method.entry.needs:
+        entry = self.method.entry
+        if entry.keeps:
+            mends = self._methods.mending if entry.needs else self._methods.mending_map
+            mends.prepare(self.goal)
+        if "network" in entry.needs:
             self._methods.load_network()
 
     def _load_kernels(self) -> None:
@@ -374,25 +372,30 @@ class DynamicPlanner(OnMap):
         wanted = self.method if method is None else DynamicMethod(method)
         options = Options(wanted, keep_regions, approach)
         place = self._place(Deadline.within(time_limit_s))
-        joins = wanted is DynamicMethod.AUTO and self._leads_to_goal and not self.search_due
-        plan = self._join(place, as_good=True) if joins else None
-        if plan is None and goes_on and self._state.unseen is None:
-            plan = self._in_slices(place, options)
-        elif plan is None:
-            self._searching = None
-            self._searched = self._state.log.version
-            plan = find(self._methods, place, Work(), options, self._path.end)
-        if plan.ok and plan.source is not Source.STANDING:
-            self._path.set(plan)
-            self._aim = (self.goal, self.goal_heading_deg)
-            self._looks_ahead = True
+        plan = None
+        if wanted is DynamicMethod.AUTO and not self.search_due:
+            soon = place
+            if time_limit_s < math.inf:
+                soon = self._place(Deadline.within(1e-3 * JOIN_MS))
+            plan = self._join(soon, as_good=True)
+        if plan is None:
+            plan = self._searched_for(place, options, goes_on=goes_on)
+            if plan.ok:
+                self._path.set(plan)
+                self._aim = (self.goal, self.goal_heading_deg)
+                self._looks_ahead = True
         return self._freed(plan, deadline=place.deadline) if self._refines else plan
 
-    def _in_slices(self, place: Query, options: Options) -> Plan:
-        """A plan by a search that goes on from call to call; TIMEOUT while it does."""
-        no_path = self._no_path
-        if no_path is not None and options.shows_no_path and no_path.holds(place):
-            return no_path.plan
+    def _searched_for(self, place: Query, options: Options, *, goes_on: bool) -> Plan:
+        """A plan by a search; by one that `goes_on` from call to call TIMEOUT while it does."""
+        if not goes_on or self._state.unseen is not None:
+            self._searching = None
+            self._searched = self._state.log.version
+            return find(self._methods, place, Work(), options, self._path.end)
+        none_yet = self._no_path
+        if none_yet is not None and options.shows_no_path and none_yet.shows_no_path(place):
+            assert none_yet.plan is not None
+            return none_yet.plan
         self._no_path = None
         searching = self._searching
         if searching is None or not self._serves(searching, place, options):
@@ -448,10 +451,7 @@ class DynamicPlanner(OnMap):
         now; or why the search begins anew.
         """
         began = searching.query
-        grid = self._state.grid
-        if plan.status is Status.NO_PATH and searching.options.shows_no_path:
-            memory = self._methods.exhausted
-            self._no_path = NoPath(plan, grid, began, memory, searching.changes)
+        self._no_path = searching if plan.status is Status.NO_PATH else None
         ends = (began.start, began.direction, began.goal, str(began.wanted))
         moved = ends != (place.start, place.direction, place.goal, str(place.wanted))
         if not (moved or searching.changes.peek()):
@@ -463,10 +463,10 @@ class DynamicPlanner(OnMap):
             moved_goal = began.goal != place.goal
             led = self._joined(way, place, plan.planner, searching.work, to_goal=moved_goal)
             return replace(led, source=plan.source) if led else _CHANGED
-        if self._no_path is not None and self._no_path.holds(place):
+        if self._no_path is not None and searching.shows_no_path(place):
             return plan
         self._no_path = None
-        if plan.status is problem_with(grid, place.start, place.goal):
+        if plan.status is problem_with(self._state.grid, place.start, place.goal):
             return plan
         self._looks_ahead = searching.lead is None
         return _CHANGED if self._looks_ahead else _NOT_FROM_AHEAD
@@ -498,10 +498,7 @@ class DynamicPlanner(OnMap):
         if before is None or self._state.unseen is not None:
             return None
         to_goal = not self._leads_to_goal
-        soon = place
-        if place.deadline.at < math.inf:
-            soon = place._replace(deadline=Deadline.within(1e-3 * JOIN_MS))
-        plan = self._joined(before.walked, soon, before.planner, Work(), to_goal=to_goal)
+        plan = self._joined(before.walked, place, before.planner, Work(), to_goal=to_goal)
         if plan is None or not self._path.set_joined(plan, place, as_good=as_good):
             return None
         self._aim = (self.goal, self.goal_heading_deg)

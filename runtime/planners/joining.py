@@ -15,7 +15,7 @@ from nnpp_edge.runtime.cells import Cell, cell_of
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels.lattice import DIRECTION_COUNT
 from nnpp_edge.runtime.map.grid import Grid
-from nnpp_edge.runtime.search.astar import Query
+from nnpp_edge.runtime.search.astar import Query, Search
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.tuning import JOIN_AT, JOIN_EXPANSIONS, JOIN_WITHIN
 
@@ -27,7 +27,9 @@ def nearest_on(path: Int32, at: Cell, direction: int) -> tuple[int, int]:
     """Number of the state of a path, as `Plan.walked`, that is nearest to a robot which heads in a
     direction, -1 where that is not given; and cells to it, `ON_IT` where the robot is in it.
     """
-    away = np.abs(path[:, :2] - at).max(1)
+    rows = np.abs(path[:, 0] - at[0])
+    cols = np.abs(path[:, 1] - at[1])
+    away = np.maximum(rows, cols)
     here = away == 0
     if direction >= 0 and path.shape[1] > 2:  # such a path may cross itself
         here &= path[:, 2] % DIRECTION_COUNT == direction
@@ -66,12 +68,17 @@ class Joiner:
             way = self._led(way, len(way) - 1, len(way) - 1, place)
         if way is not None and away != ON_IT:
             way = self._led(way, 0, 0, place)
+        if way is None or self._grid.walk(way, 0, np.empty(len(way))) >= 0:
+            return None  # an end itself may be blocked
         return way
 
     def _arrives(self, way: Int32, place: Query) -> bool:
         """Whether a way ends at the goal, in a direction that is wanted there."""
-        wanted = place.wanted is None or place.wanted[self._moves.arrival(way)]
-        return bool(wanted) and cell_of(way[-1]) == place.goal
+        if cell_of(way[-1]) != place.goal:
+            return False
+        if place.wanted is None or way.shape[1] == 2:  # a body on feet turns on the spot there
+            return True
+        return bool(place.wanted[self._moves.arrival(way)])
 
     def _blocked(self, way: Int32) -> tuple[int, int] | None:
         """Numbers of the first and the last state of a way that cannot be stepped on; None where it
@@ -100,8 +107,12 @@ class Joiner:
             if end < len(way) - 1:
                 wanted = np.arange(DIRECTION_COUNT) == self._moves.arrival(way[: end + 1])
                 part = part._replace(goal=cell_of(way[end]), wanted=wanted)
-            memory = self._memory
-            found = self._moves.search(self._grid, part, memory, None, limit=JOIN_EXPANSIONS)
+            found = self.search(part)
             if found.status is Status.OK:
                 return np.concatenate((way[: max(begin, 0)], found.path, way[end + 1 :]))
         return None
+
+    def search(self, query: Query) -> Search:
+        """A short search."""
+        limit = JOIN_EXPANSIONS
+        return self._moves.search(self._grid, query, self._memory, None, limit=limit)

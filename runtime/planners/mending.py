@@ -1,4 +1,4 @@
-"""D* Lite in regions, kept from one query to the next."""
+"""D* Lite, kept from one query to the next: over the whole map, or in regions."""
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from nnpp_edge.runtime.tuning import MOST_JOINED
 
 
 class MendingSearcher:
-    """D* Lite in regions, kept from one query to the next: the paper's D*NN, in any region.
+    """D* Lite, kept from one query to the next: in regions the paper's D*NN, in any region.
 
     Worth it for queries towards one goal: another goal starts D* Lite afresh. A* searches where
     steps cost too differently for D* Lite. Serves one thread at a time.
@@ -34,18 +34,20 @@ class MendingSearcher:
         self._dstar = DStarLite(self._state, goal)
         touch(self._dstar)
 
-    def search(self, query: Query, work: Work, region: Region) -> Search:
-        """As `Searcher`."""
+    def search(self, query: Query, work: Work, region: Region | None) -> Search:
+        """As `Searcher`; without a region over the whole map."""
         if not serves(self._state.grid):
             return self._fresh.search(query, work, region)
         if self._dstar is None:
             self._dstar = DStarLite(self._state, query.goal, region)
         elif self._dstar.goal != query.goal:
             self._dstar.set_goal(query.goal, region)
-        else:
+        elif region is not None:
             self._dstar.set_region(_joined(region, self._dstar.region))
         found = self._dstar.plan(query.start, deadline=query.deadline)
         work.stage_ends("search", found.expansions)
+        if region is None:
+            return found
         # D* Lite does not say what it refused: the octile distance is the bound
         straight = octile.py_func(*query.start, *query.goal, *self._state.grid.prices)
         return found._replace(refused_f=straight)

@@ -11,12 +11,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from nnpp_edge.runtime.arguments import checked
-from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.deadline import OutOfTimeError
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.map.state import MapState
-from nnpp_edge.runtime.memory import small_pages, touch
+from nnpp_edge.runtime.memory import small_pages
 from nnpp_edge.runtime.options import METHODS, STATES
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Plan, Source
 from nnpp_edge.runtime.planners.query import Found, problem_with, told
@@ -44,7 +43,6 @@ if TYPE_CHECKING:
     from nnpp_edge.runtime.planners.coarse_to_fine import CoarseToFine
     from nnpp_edge.runtime.planners.mending import MendingSearcher
     from nnpp_edge.runtime.region.learned import LearnedRegions
-    from nnpp_edge.runtime.search.dstar_lite import DStarLite
 
 
 class Way(NamedTuple):
@@ -106,7 +104,6 @@ class Methods:
         """Memory of the newest search that found no path."""
         self._model = model
         self._repeated = repeated
-        self._dstar: DStarLite | None = None
         if state.unseen is not None:
             from nnpp_edge.runtime.network.priors import set_prices
 
@@ -138,6 +135,13 @@ class Methods:
     @cached_property
     def mending(self) -> "MendingSearcher":
         """D* Lite in regions."""
+        from nnpp_edge.runtime.planners.mending import MendingSearcher
+
+        return MendingSearcher(self.state, self.astar)
+
+    @cached_property
+    def mending_map(self) -> "MendingSearcher":
+        """D* Lite over the whole map."""
         from nnpp_edge.runtime.planners.mending import MendingSearcher
 
         return MendingSearcher(self.state, self.astar)
@@ -260,18 +264,8 @@ class Methods:
         """The optimal path, by D* Lite over the whole map; by A* where steps cost too differently
         for that.
         """
-        from nnpp_edge.runtime.search.dstar_lite import serves
-
-        if not serves(self.state.grid):
-            return self.search_map(query, work)
-        found = self._dstar_to(query.goal).plan(query.start, deadline=query.deadline)
-        work.stage_ends("search", found.expansions)
-        return Found.of(self.state.grid, found, Source.MAP, None)
-
-    def prepare_to_mend_map(self, goal: Cell) -> None:
-        """Set D* Lite up for queries to this goal, all of its memory backed by the system."""
-        self.state.grid.complete()
-        touch(self._dstar_to(goal))
+        search = self.mending_map.search(query, work, None)
+        return Found.of(self.state.grid, search, Source.MAP, None)
 
     def corridor(
         self,
@@ -371,16 +365,6 @@ class Methods:
         from nnpp_edge.runtime.map.pyramid import coarse_shapes
 
         return len(coarse_shapes(*self.state.shape))
-
-    def _dstar_to(self, goal: Cell) -> "DStarLite":
-        """D* Lite over the whole map, with this goal."""
-        if self._dstar is None:
-            from nnpp_edge.runtime.search.dstar_lite import DStarLite
-
-            self._dstar = DStarLite(self.state, goal)
-        elif self._dstar.goal != goal:
-            self._dstar.set_goal(goal)
-        return self._dstar
 
 
 @cache

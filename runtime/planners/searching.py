@@ -6,6 +6,7 @@ code on the way has to know of it. What it finds on a map that changes meanwhile
 the newest.
 """
 
+import math
 import threading
 from dataclasses import replace
 from typing import NamedTuple, cast
@@ -95,6 +96,7 @@ class Searching:
         lead: Plan | None = None,
     ) -> None:
         work = Work()
+        log = methods.state.log
 
         def search(slices: Deadline) -> Plan:
             return find(methods, query._replace(deadline=slices), work, options, present)
@@ -104,14 +106,15 @@ class Searching:
         self.options = options
         self.lead = lead
         self.work = work
-        self.version = methods.state.log.version
+        self.version = log.version
         """Of the map, as it was when the search began."""
-        self.changes = methods.state.log.reader()
+        self.changes = log.reader()
         """Since then."""
         self.slices = 0
         """How many it has had."""
         self.plan: Plan | None = None
         """What it found, once it has ended."""
+        self._methods = methods
         self._slices = _Slices()
         self._search = greenlet(search)
         self._thread = threading.get_ident()
@@ -130,7 +133,36 @@ class Searching:
             self.plan = cast(Plan | None, self._search.switch(self._slices))
             self.work.pauses()
             self.slices += 1
+            self._memory = self._methods.exhausted
+            self._stamp = self._memory.stamp
         return self.plan
+
+    def shows_no_path(self, place: Query) -> bool:
+        """Whether it is certain that a place has no path on the map as it is now, by a search that
+        found none for its own; once False, for good.
+
+        That knows all places to which ways from one end lead. Where the map changes, ways that lead
+        on from there can only have opened where it did: so these places are searched, and not all.
+        Another search in its memory ends what is known.
+        """
+        grid = self._methods.state.grid
+        memory = self._memory
+        same_goal = (place.goal, str(place.wanted)) == (self.query.goal, str(self.query.wanted))
+        if not (same_goal and self.options.shows_no_path and memory.stamp == self._stamp):
+            return False
+        # it came to all places that can be reached from the start, or else from the goal
+        inside = self._cost_of(place.start) == math.inf
+        if self._cost_of(self.query.start) == 0.0:
+            inside = memory.came_to(grid.node(*place.start), place.direction)
+        return inside and not any(
+            change.cheaper and grid.robot.moves.may_open(grid, place, memory, change.part)
+            for change in self.changes.read()
+        )
+
+    def _cost_of(self, cell: Cell) -> float:
+        """As the search has it, which has ended."""
+        node = self._methods.state.grid.node(*cell)
+        return float(self._memory.costs(slice(node, node + 1))[0])
 
     def __del__(self) -> None:
         if self.is_here:

@@ -24,13 +24,13 @@ from enum import StrEnum
 
 import numpy as np
 
-from nnpp_edge.runtime.arrays import Int64
-from nnpp_edge.runtime.cells import Cell, Rectangle
+from nnpp_edge.runtime.cells import Cell, Rectangle, cell_of
 from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.kernels.paths import remember, savings
 from nnpp_edge.runtime.map.changes import Change
 from nnpp_edge.runtime.map.state import MapState
-from nnpp_edge.runtime.planners.joining import ON_IT, cell_of, nearest_on
+from nnpp_edge.runtime.planners.joining import ON_IT, nearest_on
 from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.runtime.robots.body import arcs
 from nnpp_edge.runtime.search.astar import Query
@@ -124,7 +124,10 @@ class StandingPath:
         self._way = np.empty((0, 2), np.int32)
         self.end: Cell | None = None
         """Where the path leads."""
-        self._walked = np.empty(0)
+        self._walked = self._least = np.empty(0)
+        """Costs from the start to each state; and of the path had the plan been optimal, and by its
+        bound.
+        """
         self._passed = 0
         """Number of the state that a body has passed last."""
         self._searched = self._excess = 0.0
@@ -152,6 +155,7 @@ class StandingPath:
         self.end = cell_of(way[-1])
         self._way = way
         self._walked = walked
+        self._least = np.array((walked[-1], (1.0 - _ROUNDING) * plan.lower_bound))
         self._searched = plan.cost
         self._excess = 0.0
         self._changed = self._passed = 0
@@ -202,8 +206,8 @@ class StandingPath:
         costs = np.empty(len(way))
         blocked = self._grid.walk(way, index, costs)
         if blocked >= 0:
-            bounds = {"lower_bound": lower, "floor": floor}
-            return Standing(Footing.BLOCKED, index, cell_of(way[blocked]), blocked, **bounds)
+            cell = cell_of(way[blocked])
+            return Standing(Footing.BLOCKED, index, cell, blocked, math.inf, lower, floor)
         cost = float(costs[-1])
         return Standing(Footing.VALID, index, None, -1, cost, min(lower, cost), min(floor, cost))
 
@@ -280,18 +284,15 @@ class StandingPath:
         made, and by its own bound.
         """
         grid = self._grid
-        plan = self.plan
         goal = self.end
-        assert plan is not None
         assert goal is not None
-        whole = self._walked[-1], (1.0 - _ROUNDING) * plan.lower_bound
-        bounds = np.array(whole) - self._walked[index]
+        bounds = self._least - self._walked[index]
         if self._by_parts:
-            if plan.states is not None and direction < 0:
+            if self._way.shape[1] > 2 and direction < 0:
                 bounds[:] = -math.inf  # another path may begin in any direction
             bounds -= grid.robot.readiness
-            by_changed = self._by_way_of_changed(np.array((at, goal)))
-            bounds = np.minimum(bounds, by_changed + float(grid.robot.price.worth(at, goal)))
+            for part in self._parts:
+                bounds = np.minimum(bounds, self._by_way_of(part, at, goal))
         else:
             saved, by_cheaper, by_opened = self._savings(at, goal)
             cheaper = np.maximum(bounds - saved, by_cheaper)
@@ -299,12 +300,12 @@ class StandingPath:
         floor, lower = np.maximum(bounds, grid.least_cost(at, goal)).tolist()
         return floor, lower
 
-    def _by_way_of_changed(self, ends: Int64) -> float:
-        """The octile distance between two cells (2, 2) by way of a rectangle that has changed."""
-        parts = np.array(self._parts).reshape(-1, 4)
-        first = parts[:, :2]
-        last = first + parts[:, 2:] - 1
-        away = np.abs(np.clip(ends[:, None], first, last) - ends[:, None])
-        straight, diagonal = self._grid.prices
-        costs = straight * away.max(2) + (diagonal - straight) * away.min(2)
-        return float(costs.sum(0).min(initial=math.inf))
+    def _by_way_of(self, part: Rectangle, at: Cell, goal: Cell) -> float:
+        """The least that a path by way of a rectangle's cells costs."""
+        row, col, rows, cols = part
+        cost = float(self._grid.robot.price.worth(at, goal))
+        for end in (at, goal):
+            near_row = min(max(end[0], row), row + rows - 1)
+            near_col = min(max(end[1], col), col + cols - 1)
+            cost += octile.py_func(*end, near_row, near_col, *self._grid.prices)
+        return cost

@@ -3,19 +3,26 @@
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Floats
 
 _ARC = math.radians(15.0)
 """The most that a way point on an arc turns."""
+_ACROSS_AND_DOWN = np.array((1.0, 1.0j))
+"""Makes complex numbers of points, whose legs a factor turns."""
+Complexes = NDArray[np.complex128]
 
 
 def turns_rad(points: Floats) -> Floats:
     """(N,) by how much each way point turns the line, from 0 to π; 0 at the ends."""
-    legs = np.diff(points, axis=0)
-    headings = np.arctan2(legs[:, 1], legs[:, 0])
-    turns = np.abs((np.diff(headings) + np.pi) % (2.0 * np.pi) - np.pi)
-    return np.concatenate(([0.0], turns, [0.0]))[: len(points)]
+    legs = np.diff(points @ _ACROSS_AND_DOWN)
+    return np.pad(np.abs(_turns(legs)), 1)[: len(points)]
+
+
+def _turns(legs: Complexes) -> Floats:
+    """By how much each leg is turned against the one before, from -π to π."""
+    return np.angle(legs[1:] * legs[:-1].conj())
 
 
 def curvatures(points: Floats) -> Floats:
@@ -38,10 +45,10 @@ def with_arcs(points: Floats, radius: float) -> Floats | None:
     """The line with an arc of this radius in place of each turn; None where a leg is too short for
     its arcs.
     """
-    places = points @ (1.0, 1.0j)  # as complex numbers, of which a factor turns a leg
+    places = points @ _ACROSS_AND_DOWN
     legs = np.diff(places)
     ahead = legs / np.abs(legs)
-    turns = np.angle(ahead[1:] / ahead[:-1])
+    turns = _turns(legs)
     reach = np.pad(radius * np.tan(0.5 * np.abs(turns)), 1)
     too_short = reach[:-1] + reach[1:] > np.abs(legs)
     if too_short.any() or (np.abs(turns) > 0.9 * np.pi).any():
