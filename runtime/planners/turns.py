@@ -14,8 +14,7 @@ def turns_rad(points: Floats) -> Floats:
     """(N,) by how much each way point turns the line, from 0 to π; 0 at the ends."""
     legs = np.diff(points, axis=0)
     headings = np.arctan2(legs[:, 1], legs[:, 0])
-    turns = np.abs((np.diff(headings) + np.pi) % (2.0 * np.pi) - np.pi)
-    return np.concatenate(([0.0], turns, [0.0]))[: len(points)]
+    return np.concatenate(([0.0], np.abs(_turned(headings)), [0.0]))[: len(points)]
 
 
 def curvatures(points: Floats) -> Floats:
@@ -38,26 +37,28 @@ def with_arcs(points: Floats, radius: float) -> Floats | None:
     """The line with an arc of this radius in place of each turn; None where a leg is too short for
     its arcs.
     """
-    turns = turns_rad(points)
-    lengths = np.hypot(*np.diff(points, axis=0).T)
-    reach = radius * np.tan(0.5 * turns)
+    legs = np.diff(points, axis=0)
+    lengths = np.hypot(*legs.T)
+    headings = np.arctan2(legs[:, 1], legs[:, 0])
+    turns = _turned(headings)
+    # from where an arc touches a leg to its way point; none at the ends of the line
+    reach = np.zeros(len(points))
+    reach[1:-1] = radius * np.tan(0.5 * np.abs(turns))
     too_short = reach[:-1] + reach[1:] > lengths
-    if too_short.any() or (turns > 0.9 * np.pi).any():
+    if too_short.any() or (np.abs(turns) > 0.9 * np.pi).any():
         return None
     parts = [points[:1]]
-    for k in range(1, len(points) - 1):
-        back = (points[k - 1] - points[k]) / lengths[k - 1]
-        ahead = (points[k + 1] - points[k]) / lengths[k]
-        count = math.ceil(turns[k] / _ARC)
-        if count == 0:
-            continue
-        turn = turns[k]
-        inwards = (back + ahead) / np.linalg.norm(back + ahead)
-        middle = points[k] + inwards * radius / math.cos(0.5 * turn)
-        first = points[k] + reach[k] * back - middle
-        last = points[k] + reach[k] * ahead - middle
-        turned = np.arange(count + 1)[:, None] / count * turn
-        arc = np.sin(turn - turned) * first + np.sin(turned) * last
-        parts.append(middle + arc / math.sin(turn))
+    for k, turn in enumerate(turns):
+        count = math.ceil(abs(turn) / _ARC)
+        begin = points[k + 1] - reach[k + 1] / lengths[k] * legs[k]
+        along = headings[k] + np.linspace(0.0, turn, count + 1)
+        arc = np.column_stack((np.sin(along), -np.cos(along)))
+        parts.append(begin + math.copysign(radius, turn) * (arc - arc[0]))
     parts.append(points[-1:])
     return np.concatenate(parts)
+
+
+def _turned(headings: Floats) -> Floats:
+    """By how much each heading differs from the one before, in [-π, π)."""
+    turned: Floats = (np.diff(headings) + np.pi) % (2.0 * np.pi) - np.pi
+    return turned
