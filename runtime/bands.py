@@ -1,8 +1,8 @@
 """A map's rows shared out over the cores, where that pays."""
 
 import os
-import threading
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 
 from nnpp_edge.runtime.tuning import STRIPE_CELLS, THREADS_FROM
 
@@ -18,34 +18,21 @@ def in_bands(
     """Call `work` for rows from `first` on, as (first, one past the last), once or, on larger maps,
     on each core.
 
-    Threads are started for the occasion: a pool that waits between two maps costs as much, and has
+    Threads are started for the occasion: ones that wait between two maps cost as much, and have
     to be minded when the process forks. `work` releases the interpreter's lock and writes to rows
     of its own; bands but the last have multiples of so many rows; `threads_from` is in cells,
     `THREADS_FROM` if 0.
     """
-    cores = (
-        len(os.sched_getaffinity(0))
-        if (last - first) * cols >= (threads_from or THREADS_FROM)
-        else 1
-    )
+    shared = (last - first) * cols >= (threads_from or THREADS_FROM)
+    cores = len(os.sched_getaffinity(0)) if shared else 1
     height = -(-(last - first) // (cores * multiple)) * multiple
-    bands = [(row, min(row + height, last)) for row in range(first, last, height)]
-    failed: list[BaseException] = []
-
-    def guarded(band: tuple[int, int]) -> None:
-        try:
-            work(*band)
-        except BaseException as error:  # raised below, in the thread that asked
-            failed.append(error)
-
-    threads = [threading.Thread(target=guarded, args=(band,), daemon=True) for band in bands[1:]]
-    for thread in threads:
-        thread.start()
-    guarded(bands[0])
-    for thread in threads:
-        thread.join()
-    if failed:
-        raise failed[0]
+    begins = range(first, last, height)
+    ends = [min(begin + height, last) for begin in begins]
+    if len(begins) == 1:
+        work(first, last)
+        return
+    with ThreadPoolExecutor(cores) as threads:
+        list(threads.map(work, begins, ends))
 
 
 def stripes(

@@ -5,8 +5,6 @@ chose it.
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 
 class CorridorWidth(NamedTuple):
     """How much around a coarse path is searched on the next finer level."""
@@ -213,19 +211,17 @@ so large a share of the map's longer side on, it is shown the whole map instead.
 
 # Any angle
 
-ANY_ANGLE = np.array(
-    (
-        (24.0, 6.0, 12, 4, 0.5, 0),
-        (16.0, 4.0, 6, 4, 0.5, 0),
-        (8.0, 1.8, 4, 3, 0.5, 0),
-        (4.0, 0.6, 4, 3, 1.0, 1),
-        (3.0, 0.2, 2, 2, 1.0, 1),
-    )
+ANY_ANGLE = (
+    (24.0, 6.0, 12, 0.5, True),
+    (16.0, 4.0, 6, 0.5, True),
+    (8.0, 1.8, 4, 0.5, True),
+    (4.5, 0.6, 4, 1.0, False),
+    (3.5, 0.2, 2, 1.0, False),
 )
 """Stages in which stations are moved across a path: cells between stations; cells between a
-station's places; places to each side; by how many neighbours may differ; samples per cell;
-whether way points are stations. The first reaches 72 cells, as the paper's diagonal steps draw
-its paths so far aside (docs/decisions/any-angle.md)."""
+station's places; places to each side; samples per cell; whether stations are smoothed. The first
+reaches 72 cells, as the paper's diagonal steps draw its paths so far aside
+(docs/decisions/any-angle.md)."""
 WAY_POINT_SAVES = 0.01
 """Cells of mean ground whose cost each way point saves at least: with 0.1 there are half as many,
 for 0.1 % more.

@@ -342,24 +342,45 @@ def _sampled_cost(ground, leg):
 
 
 @helper
-def shortened(ground, tiles, points, every, most, penalty):
-    """Way points without those that may be left out: the cheapest choice, each way point costing
-    `penalty` more.
+def sampled_along(ground, points):
+    """About `cost_along`."""
+    total = 0.0
+    for k in range(len(points) - 1):
+        total += _sampled_cost(ground, leg_between(points, k, k + 1))
+    return total
 
-    Legs may skip `every`, twice, four times that many points and so on, up to `most`, between
-    points whose numbers `every` divides, and lead from each point to the next.
+
+@helper
+def run_of(points):
+    """Length of the line up to each way point, in cells."""
+    run = np.zeros(len(points))
+    for k in range(1, len(points)):
+        _, _, length = way_of(leg_between(points, k - 1, k))
+        run[k] = run[k - 1] + length
+    return run
+
+
+@helper
+def shortened(ground, tiles, points, penalty):
+    """Way points without those that may be left out, as long as a fifth of them is."""
+    before = 2 * len(points)
+    while len(points) < 0.8 * before:
+        before = len(points)
+        points = _without_some(ground, tiles, points, penalty)
+    return points
+
+
+@helper
+def _without_some(ground, tiles, points, penalty):
+    """The cheapest choice of legs from each way point to the next or the one after, each way point
+    costing `penalty` more.
     """
     n = len(points)
-    costs = np.empty(n)
-    before = np.empty(n, np.int64)
+    costs = np.full(n, inf)
+    before = np.arange(-1, n - 1)
     costs[0] = 0.0
-    before[0] = -1
     for k in range(1, n):
-        costs[k] = inf
-        before[k] = k - 1
-        skipped = 1
-        while skipped <= min(most, k):
-            i = k - skipped
+        for i in range(k - 1, max(k - 3, -1), -1):
             leg = leg_between(points, i, k)
             _, _, length = way_of(leg)
             begun = costs[i] + penalty
@@ -369,9 +390,6 @@ def shortened(ground, tiles, points, every, most, penalty):
                 if cost < costs[k]:
                     costs[k] = cost
                     before[k] = i
-            if k % every:
-                break
-            skipped = 2 * skipped if skipped >= every else every
     return _chosen(points, before)
 
 
@@ -391,7 +409,7 @@ def _chosen(points, before):
     return out
 
 
-@kernel
+@helper
 def corners(path):
     """(M, 2) float64 cells of a path (N, 2) int32 at which its direction changes, and its ends."""
     out = np.empty((len(path), 2))

@@ -48,7 +48,7 @@ def _put_answers(last, side, out):
 
 
 @kernel
-def answer_ends(ends, spacing, sigma, places, query, parameters, units, scratch, out):
+def answer_ends(ends, spacing, sigma, places, query, parameters, units, out):
     """Encode start and goal, and write the probabilities of all blocks.
 
     Ends, spacing and sigma as for `encoding.encode_ends`.
@@ -63,8 +63,6 @@ def answer_ends(ends, spacing, sigma, places, query, parameters, units, scratch,
         In the order of `parameter_shapes`.
     units : (int, int)
         Of the hidden layers.
-    scratch : ((P² + 1) (3R + sum of units + 4),) float32
-        Overwritten.
     out : (2P, 2P) float32
         Written.
     """
@@ -86,15 +84,14 @@ def answer_ends(ends, spacing, sigma, places, query, parameters, units, scratch,
     answer, at = _matrix(parameters, at, second_units, ANSWERS)
     answer_bias, at = _matrix(parameters, at, 1, ANSWERS)
     # what is computed
-    to_start, at = _matrix(scratch, 0, count, width)
-    to_goal, at = _matrix(scratch, at, count, width)
-    at_end, at = _matrix(scratch, at, 1, width)
-    crossed, at = _matrix(scratch, at, 1, width)
-    first, at = _matrix(scratch, at, count + 1, first_units)
-    second, at = _matrix(scratch, at, count, second_units)
-    last, at = _matrix(scratch, at, count, ANSWERS)
+    to_start = np.empty((count, width), float32)
+    to_goal = np.empty_like(to_start)
+    at_end = np.empty((1, width), float32)
+    crossed = np.zeros((1, width), float32)
+    first = np.empty((count + 1, first_units), float32)
+    second = np.empty((count, second_units), float32)
+    last = np.empty((count, ANSWERS), float32)
     # each place in relation to an end, and one end to the other
-    crossed[:] = 0.0
     for related, n in ((to_start, 0), (to_goal, END_CHANNELS)):
         _layer(flat[n : n + 1], places[:, width:], way_bias, at_end)
         related[:] = places[:, :width] + at_end

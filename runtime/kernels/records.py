@@ -602,12 +602,10 @@ class Stage(NamedTuple):
     """Cells between a station's places."""
     half: int
     """Places to each side of the path."""
-    slope: int
-    """By how many of them neighbours may differ."""
     samples: float
     """Of a leg's weight, per cell."""
-    keeps: bool
-    """Whether the way points are among the stations."""
+    smooths: bool
+    """Whether each station is the mean of three."""
 
 
 class Places(NamedTuple):

@@ -6,17 +6,17 @@ See `planners.refine`, and `kernels.any_angle` for what lines cost.
 A *station* is a way point that may be moved across the path, to one of its *places*. A leg from one
 station's place to the next one's is priced by the weights on the two halves of the way, between the
 places that it passes there. Few legs lie near anything impassable: only these are checked as they
-are chosen, the line as a whole in the end. Where it turns out not to be clear, all of it is done
-again with every leg checked.
+are chosen, the line as a whole at the end of each stage.
 """
 
 import math
 
 import numpy as np
-from numpy import float64, inf, int64, uint64
+from numpy import inf, int64, uint64
 
 from nnpp_edge.runtime.compiled.kernel import helper, inlined, kernel
 from nnpp_edge.runtime.kernels.any_angle import (
+    corners,
     cost_along,
     ground_of,
     is_clear,
@@ -24,6 +24,8 @@ from nnpp_edge.runtime.kernels.any_angle import (
     leg_between,
     mean_of_four,
     open_between,
+    run_of,
+    sampled_along,
     shortened,
     way_of,
     weight_at,
@@ -37,15 +39,8 @@ BLOCKED = 1e200
 """Weight of impassable places where sums of weights may have factors of 0: more than any sum of
 others.
 """
-LAST_STEP = 0.1
-"""Cells by which the way points that are left may move in the end."""
-_STAGE_SPACING = 0
-_STAGE_STEP = 1
-_STAGE_HALF = 2
-_STAGE_SLOPE = 3
-_STAGE_SAMPLES = 4
-_STAGE_KEEPS = 5
-"""Columns of stages, see `Stage`."""
+SLOPE = 3
+"""Places by which the next station may lie further aside."""
 _FIRST_HALF = 0
 _SECOND_HALF = 1
 _NEAR = 2
@@ -65,7 +60,7 @@ def freed(grid, room, path, stages, tolerance, until):
         `Grid` and `Room`.
     path : (N, 2) int32
         Cells, each a neighbour of the one before it.
-    stages : (S, 6) float64
+    stages : tuple of tuples
         How stations are moved, one `Stage` after another.
     tolerance : float
         Cells of mean ground, whose cost a way point must save.
@@ -75,74 +70,49 @@ def freed(grid, room, path, stages, tolerance, until):
     Returns
     -------
     tuple
-        (M, 2) float64 way points, and their line integral; inf where no line was found all of whose
-        legs are clear.
+        (M, 2) float64 way points, and their line integral: those at which the path turns where no
+        line costs less.
     """
     ground = ground_of(grid, room)
     tiles = borrowed(Tiles(*Grid(*grid).tiles))
-    points = _freed(ground, tiles, path, stages, tolerance, False, until)
+    on_grid = corners(path)
+    cost_on_grid = cost_along(ground, on_grid)
+    points = on_grid
+    cost = cost_on_grid
+    for row in stages:
+        if late(until):
+            break
+        stage = Stage(*row)
+        stations = _evenly(points, stage)
+        moved = _moved(ground, tiles, stations, stage, until)
+        cost_moved = sampled_along(ground, moved)
+        if cost_moved < cost:
+            points = moved
+            cost = cost_moved
+        elif moved is stations:
+            # obstacles all around: a straighter line may leave more room
+            points = shortened(ground, tiles, points, 0.0)
+    mean = cost / run_of(points)[-1]
+    points = shortened(ground, tiles, points, tolerance * mean)
     cost = cost_along(ground, points)
-    if cost == inf:
-        points = _freed(ground, tiles, path, stages, tolerance, True, until)
-        cost = cost_along(ground, points)
-    return points, cost
-
-
-@inlined
-def _stage(stages, s):
-    """A row of the stages."""
-    return Stage(
-        stages[s, _STAGE_SPACING],
-        stages[s, _STAGE_STEP],
-        int64(stages[s, _STAGE_HALF]),
-        int64(stages[s, _STAGE_SLOPE]),
-        stages[s, _STAGE_SAMPLES],
-        stages[s, _STAGE_KEEPS] > 0.0,
-    )
+    if cost < cost_on_grid:
+        return points, cost
+    return on_grid, cost_on_grid
 
 
 @helper
-def _freed(ground, tiles, path, stages, tolerance, wary, until):
-    """As `freed`; every leg is checked as it is chosen where `wary`, else those near something
-    impassable.
-    """
-    points = path.astype(float64)
-    on_path = True
-    for s in range(len(stages)):
-        stage = _stage(stages, s)
-        if stage.keeps and on_path:
-            points = shortened(ground, tiles, points, 8, 32, 0.0)
-            on_path = False
-        if stage.keeps:
-            stations = _with_stations(points, stage.spacing)
-        else:
-            stations = _evenly(points, stage.spacing)
-        found = _moved(ground, tiles, stations, stage, wary, until)
-        if stage.keeps or found is not stations:
-            points = found
-            on_path = False
-    mean = cost_along(ground, points) / max(_length(points), 1e-12)
-    before = 2 * len(points)
-    while len(points) < 0.8 * before:
-        before = len(points)
-        points = shortened(ground, tiles, points, 1, 2, tolerance * mean)
-    last = Stage(0.0, LAST_STEP, int64(1), int64(1), 1.5, True)
-    return _moved(ground, tiles, points, last, wary, until)
-
-
-@helper
-def _moved(ground, tiles, stations, stage, wary, until):
+def _moved(ground, tiles, stations, stage, until):
     """Stations moved across the path to places, the cheapest choice.
 
-    Legs are clear where a sample comes near something impassable, and all of them where `wary`. The
-    stations themselves where there is no such choice, or none by `until`.
+    Legs are clear where a sample comes near something impassable. The stations themselves where
+    there is no such choice, or none by `until`.
     """
     n = len(stations)
     count = 2 * stage.half + 1
     places = Places(np.empty((n, count)), np.empty((n, count)))
     sums = np.empty((3, count))
     costs = np.full((n, count), inf)
-    legs = np.empty((2 * stage.slope + 1, count))
+    legs = np.empty((2 * SLOPE + 1, count))
     before = np.zeros((n, count), np.int64)
     _put_places(ground, stations, stage, places)
     costs[0] = 0.0
@@ -153,7 +123,7 @@ def _moved(ground, tiles, stations, stage, wary, until):
         samples = max(int64(0.5 * stage.samples * length + 0.5), 1)
         _sum_between(ground, tiles, places, k, samples, sums)
         _leg_costs(ground, places, k, sums, samples, costs, legs)
-        _choose(ground, places, k, legs, wary, sums[_NEAR], costs, before)
+        _choose(ground, places, k, legs, sums[_NEAR], costs, before)
     j = costs[n - 1].argmin()
     if not costs[n - 1, j] < inf:
         return stations
@@ -166,60 +136,18 @@ def _moved(ground, tiles, stations, stage, wary, until):
 
 
 @helper
-def _with_stations(points, spacing):
-    """Way points with others put between them, at most about `spacing` cells apart."""
-    parts = np.empty(len(points), np.int64)
-    count = 1
-    for k in range(len(points) - 1):
-        _, _, length = way_of(leg_between(points, k, k + 1))
-        parts[k] = max(int64(length / spacing + 0.5), 1)
-        count += parts[k]
-    out = np.empty((count, 2))
-    m = 0
-    for k in range(len(points) - 1):
-        for part in range(parts[k]):
-            _put_between(points, k, part / parts[k], out, m)
-            m += 1
-    out[m] = points[len(points) - 1]
-    return out
-
-
-@inlined
-def _put_between(points, k, share, out, m):
-    """Write the place at a share of the leg from way point k to the next into `out`."""
-    for side in (ROW, COL):
-        way = points[k + 1, side] - points[k, side]
-        out[m, side] = points[k, side] + share * way
-
-
-@helper
-def _evenly(points, spacing):
-    """Stations about `spacing` cells apart along way points, each the mean of three, but for the
+def _evenly(points, stage):
+    """Stations along way points, each the mean of three where the stage smooths, but for the
     ends.
     """
-    n = len(points)
-    run = np.zeros(n)
-    for k in range(1, n):
-        _, _, length = way_of(leg_between(points, k - 1, k))
-        run[k] = run[k - 1] + length
-    count = max(int64(run[n - 1] / spacing + 0.5), 1) + 1
+    run = run_of(points)
+    count = max(int64(run[-1] / stage.spacing + 0.5), 1) + 1
     even = np.empty((count, 2))
-    k = 0
-    for m in range(count):
-        at = run[n - 1] * m / (count - 1)
-        while k < n - 2 and run[k + 1] < at:
-            k += 1
-        share = (at - run[k]) / max(run[k + 1] - run[k], 1e-12)
-        _put_between(points, k, min(share, 1.0), even, m)
-    # free of rounding
-    even[0] = points[0]
-    even[count - 1] = points[n - 1]
-    out = even.copy()
-    for m in range(1, count - 1):
-        for side in (ROW, COL):
-            two = even[m - 1, side] + even[m, side]
-            out[m, side] = (two + even[m + 1, side]) / 3.0
-    return out
+    for side in (ROW, COL):
+        even[:, side] = np.interp(np.linspace(0.0, run[-1], count), run, points[:, side])
+    if stage.smooths:
+        even[1:-1] = (even[:-2] + even[1:-1] + even[2:]) / 3.0
+    return even
 
 
 @helper
@@ -295,14 +223,13 @@ def _leg_costs(ground, places, k, sums, samples, costs, legs):
     rows = places.rows
     cols = places.cols
     count = rows.shape[1]
-    slope = legs.shape[0] // 2
     factor = 0.5 * ground.per_weight / samples
     one = uint64(k - 1)
     two = uint64(k)
     first_half = sums[_FIRST_HALF]
     second_half = sums[_SECOND_HALF]
-    for d in range(2 * slope + 1):
-        aside = d - slope
+    for d in range(2 * SLOPE + 1):
+        aside = d - SLOPE
         first = max(aside, 0)
         last = min(count + aside, count)
         legs[d, :first] = inf
@@ -328,44 +255,29 @@ def _leg_costs(ground, places, k, sums, samples, costs, legs):
 
 
 @helper
-def _choose(ground, places, k, legs, wary, near, costs, before):
-    """Write the cheapest way to each of a station's places, its last leg clear where `wary`, or
-    `near` anything.
+def _choose(ground, places, k, legs, near, costs, before):
+    """Write the cheapest way to each of a station's places, its last leg clear where it is `near`
+    anything.
     """
     rows = places.rows
     cols = places.cols
     count = legs.shape[1]
-    slope = legs.shape[0] // 2
     for j in range(count):
         while True:
             best = 0
             least = inf
-            for d in range(2 * slope + 1):
+            for d in range(2 * SLOPE + 1):
                 cost = legs[uint64(d), uint64(j)]
                 best = d if cost < least else best
                 least = min(cost, least)
-            i = j - best + slope
+            i = j - best + SLOPE
             if not least < BLOCKED:
                 costs[k, j] = inf
                 break
-            checked = wary
-            for passed in range(min(i, j), max(i, j) + 1):
-                checked = checked or near[passed] > 0.0
-            before_row = rows[k - 1, i]
-            before_col = cols[k - 1, i]
-            leg = Leg(before_row, before_col, rows[k, j], cols[k, j])
-            if not checked or is_clear(ground, leg):
+            leg = Leg(rows[k - 1, i], cols[k - 1, i], rows[k, j], cols[k, j])
+            is_near = near[min(i, j) : max(i, j) + 1].any()
+            if not is_near or is_clear(ground, leg):
                 costs[k, j] = least
                 before[k, j] = i
                 break
             legs[best, j] = inf
-
-
-@helper
-def _length(points):
-    """Length of way points, in cells."""
-    total = 0.0
-    for k in range(len(points) - 1):
-        _, _, length = way_of(leg_between(points, k, k + 1))
-        total += length
-    return total

@@ -42,9 +42,6 @@ class PlaceHead:
         self._parameters = parameters
         self._units = tuple(units)
         self._places: Planes = np.zeros((side * side, 2 * relation), np.float32)
-        self._scratch = np.empty(
-            (side * side + 1) * (3 * relation + sum(units) + ANSWERS), np.float32
-        )
 
     def describe(self, places: Planes) -> None:
         """Take over the encoder's two descriptions of each place: (1, 2R, P, P) float32."""
@@ -54,6 +51,6 @@ class PlaceHead:
         """Probabilities, (2P, 2P) float32, into `out`, and into `query` what
         `encode_ends` writes.
         """
-        state = self._places, query, self._parameters, self._units, self._scratch
+        state = self._places, query, self._parameters, self._units
         ends = (*start, *goal)
         answer_ends(ends, float(QUERY_SPACING), sigma, *state, out)

@@ -17,9 +17,8 @@ if TYPE_CHECKING:
 _SIDE = 2.4
 """Inches of the small picture."""
 _PATH = "#d55e00"
-_START = "#f0e442"
-_GOAL = "#cc79a7"
 _RIM = "#1e1e1e"
+_ENDS = ((0, "s", 6, "#f0e442", "start"), (-1, "*", 12, "#cc79a7", "end"))
 _ROW = (
     "<tr><th style='text-align:left;font-weight:normal'>{}</th><td "
     "style='text-align:right'>{}</td></tr>"
@@ -71,16 +70,15 @@ def draw(
     if len(line):
         drawn.plot(line[:, 1], line[:, 0], color=_RIM, linewidth=3.5)
         drawn.plot(line[:, 1], line[:, 0], color=_PATH, linewidth=2.0, label="path")
-        drawn.plot(line[0, 1], line[0, 0], "s", color=_START, markeredgecolor=_RIM, label="start")
-        drawn.plot(
-            line[-1, 1],
-            line[-1, 0],
-            "*",
-            color=_GOAL,
-            markeredgecolor=_RIM,
-            markersize=12,
-            label="end",
-        )
+        for at, marker, size, color, label in _ENDS:
+            drawn.plot(
+                *line[at, ::-1],
+                marker,
+                color=color,
+                markeredgecolor=_RIM,
+                markersize=size,
+                label=label,
+            )
     drawn.set(xlabel="column", ylabel="row", title=title, aspect="equal")
     if sides_m is not None:
         high, wide = sides_m

@@ -25,7 +25,7 @@ import numpy as np
 from nnpp_edge.runtime.arrays import Cells, Floats
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
-from nnpp_edge.runtime.kernels.any_angle import NO_DISC, corners, line_cost
+from nnpp_edge.runtime.kernels.any_angle import NO_DISC, line_cost
 from nnpp_edge.runtime.kernels.stations import freed
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.state import MapState
@@ -40,10 +40,6 @@ than it does.
 """
 _COARSER = (1.0, 8.0, 64.0)
 """Multiples of what a way point must save, tried one after another where turns are too sharp."""
-_FAR_STAGES = 2
-"""Stages that are left out, one after another, while no line is found that costs less than the
-path.
-"""
 
 
 def refines(name: str, grid: Grid) -> bool:
@@ -115,7 +111,10 @@ class Refiner:
         if len(path) < 2:
             return PricedLine(path.astype(np.float64), 0.0)
         for coarser in _COARSER if radius else (1.0,):
-            line = self._freed(path, WAY_POINT_SAVES * coarser, deadline)
+            saves = WAY_POINT_SAVES * coarser
+            line = PricedLine(
+                *freed(self._grid.packed, self._room, path, ANY_ANGLE, saves, deadline.at)
+            )
             if not radius or self._turns(line.points, radius):
                 return line
             for rounder in _ROUNDER:
@@ -136,20 +135,6 @@ class Refiner:
         """
         scale = np.array(self._sides_m) / min(self._sides_m)
         return bool((curvatures(points * scale) * radius <= 1.0).all())
-
-    def _freed(self, path: Cells, saves: float, deadline: Deadline) -> PricedLine:
-        """The cheaper of what is found and the path itself."""
-        own = corners(path)
-        on_grid = PricedLine(own, self.cost(own))
-        for first in range(_FAR_STAGES + 1):  # where far moves lead astray, nearer ones may not
-            line = PricedLine(
-                *freed(self._grid.packed, self._room, path, ANY_ANGLE[first:], saves, deadline.at)
-            )
-            if line.cost < on_grid.cost:
-                return line
-            if deadline.passed:
-                break
-        return on_grid
 
     def _radius(self, turning_radius_m: float | None) -> float:
         """In cells; 0 where any turn will do."""

@@ -165,7 +165,7 @@ def test_a_discs_line_keeps_its_radius_from_obstacles_and_turns_no_sharper(seed,
 
 
 def test_at_the_deadline_the_line_is_what_was_found():
-    cost = uniform(0, (80, 90)) * np.float32(0.9)
+    cost = uniform(6, (80, 90)) * np.float32(0.9)
     planner = Planner(cost)
     plan = planner.plan((3, 4), (74, 81), method="astar")
     refiner = Refiner(planner.state)
