@@ -224,13 +224,8 @@ class BodyMoves(CellMoves):
         reached = grid.inner(memory.reached(deadline))
         return reached, bool(memory.states > 1 and begun)
 
-    def may_open(self, grid: "Grid", query: Query, memory: Workspace, part: Rectangle) -> bool:
-        return may_open(grid, query, memory, part)
-
-    def costs_of_cells(
-        self, grid: "Grid", start: Cell, memory: Workspace, deadline: Deadline
-    ) -> Float32s:
-        return costs_of_cells(grid, start, memory, deadline)
+    may_open = staticmethod(may_open)
+    costs_of_cells = staticmethod(costs_of_cells)
 
     def why_ended(
         self, grid: "Grid", start: Cell, goal: Cell, memory: Workspace, deadline: Deadline
