@@ -38,10 +38,10 @@ from nnpp_edge.runtime.kernels.open_list import (
     NOTHING,
     bucket_of,
     empty,
-    last_bucket_below,
+    known,
     push,
     refuse,
-    resume,
+    resumed,
     stop_at,
     suspend,
     taking_by,
@@ -77,7 +77,6 @@ from nnpp_edge.runtime.kernels.records import (
     FieldRule,
     FieldTask,
     Frame,
-    Frontier,
     Legs,
     Limits,
     Memory,
@@ -260,13 +259,6 @@ def trace_states(meta, state, prices, frame, out):
 
 
 @inlined
-def _resumed(memory, bound):
-    """How far a search had come when its last call stopped."""
-    queue = resume(memory)
-    return Frontier(queue, bound, last_bucket_below(bound, queue), memory.reals[REFUSED])
-
-
-@inlined
 def _seed(memory, seeds, judge, base, width):
     """Begin a field: the seeds are on the open list, which has room for all."""
     queue = empty(memory, base, width)
@@ -295,13 +287,6 @@ def _by_ray(there, k, g_node, code, onwards, task):
 
 
 @inlined
-def _known(memory, node):
-    """g of a node so far, inf where no search has come."""
-    visited = word_of(memory.meta, node) >> STAMP_SHIFT == memory.stamp
-    return g_of(memory.g, node) if visited else float32(inf)
-
-
-@inlined
 def _relax_ray(row, col, k, node, g_node, onwards, task, front):
     """Relax ray k, by which a node is come to."""
     poses = task.poses
@@ -317,10 +302,10 @@ def _relax_ray(row, col, k, node, g_node, onwards, task, front):
     code = _code(poses, on, motion)
     if code >= FAILS:
         return front
-    known = _known(task.memory, there)
+    least = known(task.memory, there)
     reached = _by_ray(there, k, g_node, code, onwards, task)
     left = _distance(i, j, judge, judge.legs)
-    if not reached < known or reached + left >= front.bound:
+    if not reached < least or reached + left >= front.bound:
         return front
     in_region = len(task.region.bitmap) == 0 or there == task.start
     if not in_region and outside(task.region, i, j):
@@ -328,7 +313,7 @@ def _relax_ray(row, col, k, node, g_node, onwards, task, front):
     if code == UNCHECKED:
         code = _checked_code(poses, on, motion)
         reached = _by_ray(there, k, g_node, code, onwards, task)
-        if code >= FAILS or not reached < known or reached + left >= front.bound:
+        if code >= FAILS or not reached < least or reached + left >= front.bound:
             return front
     visit(task.memory, there, reached, OPEN_BIT | (k & _DIRECTION_MASK))
     if there == task.start:
@@ -371,7 +356,7 @@ def fill_field(poses, edges, prices, region, seeds, ends, rule, memory, limits):
     if goal >= 0:
         base = _left_of_cell(goal, judge)
         _seed(memory, borrowed(Seeds(*seeds)), judge, base, rule.width)
-    front = _resumed(memory, float64(_known(memory, start)))
+    front = resumed(memory, float64(known(memory, start)))
     room = int64(len(memory.entries)) // 2 - rays - 1
     expansions = memory.counts[EXPANSIONS]
     last = expansions + limits.most
@@ -439,12 +424,13 @@ def _set_out(ends, task):
 
 
 @inlined
-def _come_by(row, col, local, way, before, checks, task):
-    """g of a state by the primitive that leads to it from the state `before` among those of
-    another cell, and that primitive's code, checked if it `checks`.
+def _come_by(row, col, local, way, checks, task):
+    """g of a state by the primitive that leads to it, and that primitive's code, checked if it
+    `checks`.
     """
     prices = task.prices
     frame = task.judge.frame
+    before = prices.origins[local, way]
     move = prices.moves[before, way]
     motion = int64(move[MOTION])
     at = (row - move[DOWN]) * frame.stride + col - move[RIGHT]
@@ -455,13 +441,14 @@ def _come_by(row, col, local, way, before, checks, task):
 
 
 @inlined
-def _next_best(row, col, local, task):
-    """The best of all ways to a state from states that are sure: g by it, and the word of the
-    state, 0 without any.
+def _wait_for_next(row, col, local, h, task, front):
+    """Have a state wait on the open list for the best of all ways to it from states that are sure,
+    or for none.
     """
     prices = task.prices
     memory = task.memory
     frame = task.judge.frame
+    state = _state(row * frame.stride + col, local, frame)
     least = float32(inf)
     word = int64(0)
     for way in range(prices.moves.shape[1]):
@@ -472,21 +459,14 @@ def _next_best(row, col, local, task):
         j = col - prices.moves[before, way, RIGHT]
         if not _is_on_map(task.poses, i, j):
             continue
-        known = word_of(memory.meta, _state(i * frame.stride + j, before, frame))
-        if known >> STAMP_SHIFT != memory.stamp or known & UNSURE_BIT:
+        from_word = word_of(memory.meta, _state(i * frame.stride + j, before, frame))
+        if from_word >> STAMP_SHIFT != memory.stamp or from_word & UNSURE_BIT:
             continue
-        reached, code = _come_by(row, col, local, way, before, False, task)
+        reached, code = _come_by(row, col, local, way, False, task)
         if reached < least:
             least = reached
             unsure = UNSURE_BIT if code == UNCHECKED else 0
             word = (memory.stamp << STAMP_SHIFT) | OPEN_BIT | unsure | way
-    return least, word
-
-
-@inlined
-def _wait(state, h, least, word, task, front):
-    """Have a state wait on the open list for the next best way to it, or for none."""
-    memory = task.memory
     put_word(memory.meta, state, word)
     if not word:
         return front
@@ -514,17 +494,17 @@ def _relax(row, col, local, way, g_state, expansions, task, front, settled):
     if found >= FAILS:
         return front, settled
     there = _state(across, to, frame)
-    known = float32(inf)
+    least = float32(inf)
     sure = False
     before = word_of(memory.meta, there)
     if before >> STAMP_SHIFT == memory.stamp:
-        known = g_of(memory.g, there)
+        least = g_of(memory.g, there)
         sure = not before & UNSURE_BIT
         if not before & OPEN_BIT and across != task.goal:
-            known -= float32(task.rule.again * expansions)
+            least -= float32(task.rule.again * expansions)
     reached = float32(g_state + _step(found, node, local, way, task))
     left = _left_at(i, j, to, task.judge)
-    if not reached < known or reached + left >= front.bound:
+    if not reached < least or reached + left >= front.bound:
         return front, settled
     in_region = len(task.region.bitmap) == 0 or across == node or across == task.goal
     if not in_region and outside(task.region, i, j):
@@ -533,7 +513,7 @@ def _relax(row, col, local, way, g_state, expansions, task, front, settled):
     if (ends_here or sure) and found == UNCHECKED:  # what is sure stays so
         found = _checked_code(poses, on, motion)
         reached = float32(g_state + _step(found, node, local, way, task))
-        if not reached < known or reached + left >= front.bound:
+        if not reached < least or reached + left >= front.bound:
             return front, settled
     if ends_here:  # never expanded, so never put on the open list
         visit(memory, there, reached, way)
@@ -568,17 +548,15 @@ def expand_states(poses, edges, prices, field, region, ends, rule, memory, limit
     memory = borrowed(Memory(*memory))
     poses = borrowed(Poses(*poses))
     stride = poses.cols + 2
-    goal_row = ends.goal // stride
-    goal_col = ends.goal % stride
     frame = Frame(*rule.frame)
-    field = borrowed(Field(*field))
-    judge = StateJudge(frame, goal_row, goal_col, Legs(*rule.legs), field)
+    place = (ends.goal // stride, ends.goal % stride)
+    judge = StateJudge(frame, *place, Legs(*rule.legs), borrowed(Field(*field)))
     region = borrowed(Region(*region))
     edges = borrowed(edges)
     task = StateTask(poses, edges, named, region, judge, ends.goal, rule, memory)
     if ends.start >= 0:
         _set_out(ends, task)
-    front = _resumed(memory, memory.reals[BOUND])
+    front = resumed(memory, memory.reals[BOUND])
     best_h = memory.reals[BEST_H]
     settled = memory.counts[GOAL_STATE]
     ways = named.moves.shape[1]
@@ -611,12 +589,9 @@ def expand_states(poses, edges, prices, field, region, ends, rule, memory, limit
             continue
         # check what leads here; if that fails, or is dearer, the state waits for the next best way
         if word & UNSURE_BIT:
-            way = word & DIRECTION_BITS
-            before = named.origins[local, way]
-            reached, _ = _come_by(row, col, local, way, before, True, task)
+            reached, _ = _come_by(row, col, local, word & DIRECTION_BITS, True, task)
             if reached > g_state:
-                least, word = _next_best(row, col, local, task)
-                front = _wait(state, h, least, word, task, front)
+                front = _wait_for_next(row, col, local, h, task, front)
                 continue
         # close it, and expand it: relax the primitives that lead from it
         put_word(memory.meta, state, word & ~(OPEN_BIT | UNSURE_BIT))

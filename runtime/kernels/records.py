@@ -658,7 +658,9 @@ class PoseTables(NamedTuple):
     groups_of: Int64s
     """(poses + 1,) where each pose's groups of samples begin: of its wheels, then of its belly."""
     groups: Int64s
-    """(groups, 5) `SAMPLES_OF_FOUR` and the others below, of each group."""
+    """(groups + 1, 5) `SAMPLES_OF_FOUR` and the others below, of each group; last where all
+    cells end.
+    """
     ahead: Floats
     left: Floats
     """(samples,) metres from the body's middle."""
@@ -719,7 +721,7 @@ its patch. First of each pair."""
 
 class Figures(NamedTuple):
     """Of a run's poses: bounds of the steepest slope, of pitch and roll (as slopes), of the step
-    and of the rise under the belly, m.
+    and of the rise under the belly, m; and slopes with the wheels in the middle of their ranges.
     """
 
     slope: Floats
@@ -727,6 +729,8 @@ class Figures(NamedTuple):
     roll: Floats
     step: Floats
     rise: Floats
+    ahead: Floats
+    left: Floats
 
 
 class Plane(NamedTuple):

@@ -132,7 +132,7 @@ def motions_of(
     body = 0.5 * np.array((vehicle.length_m, vehicle.width_m))
     # by which the wheels' heights make the plane's height at the middle, and its slopes
     fit: Floats = np.linalg.pinv(np.column_stack((np.ones(len(wheels)), wheels)))
-    poses = np.array([pose for motion in motions for pose in motion])
+    poses = np.concatenate(motions)
     offsets = poses[:, :2]
     headings = poses[:, 2:4]
     sweep, turn = poses[:, 4:].T
@@ -164,7 +164,8 @@ def motions_of(
     sizes = np.array([[(group.counts == many).sum() for many in (4, 2, 1)] for group in groups])
     ends = np.cumsum(sizes).reshape(-1, 3)
     begins = ends[:, :1] - sizes[:, :1]
-    cells_in = sizes @ (4, 2, 1)
+    samples = np.column_stack((begins, ends))
+    cells_in = np.cumsum([0, *(sizes @ (4, 2, 1))])
     cells = np.concatenate([group.cells for group in groups])
     places = np.concatenate([group.places for group in groups]).astype(np.float32)
     fitted = [
@@ -180,7 +181,7 @@ def motions_of(
     return PoseTables(
         poses_of=np.cumsum([0, *map(len, motions)]),
         groups_of=np.array(groups_of),
-        groups=np.column_stack((begins, ends, np.cumsum(cells_in) - cells_in)),
+        groups=np.column_stack((np.pad(samples, ((0, 1), (0, 0))), cells_in)),
         ahead=places[:, 0].copy(),
         left=places[:, 1].copy(),
         offsets=cells[:, :2].astype(np.int64),

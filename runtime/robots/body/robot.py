@@ -102,9 +102,8 @@ class BodyPrice(Price):
         self.poses = poses
 
     def bounds(self, grid: "Grid", shortest: float) -> tuple[float, float, float]:
-        greatest = max(math.hypot(*axis) for axis in motions.AXIS_LEGS)
-        least = super().bounds(grid, shortest)[:2]
-        return *least, greatest * (1.0 + 2.0 * grid.model.scale)
+        straight, diagonal, _ = super().bounds(grid, shortest)
+        return straight, diagonal, math.sqrt(5.0) * (1.0 + 2.0 * grid.model.scale)
 
     def walk(self, grid: "Grid", path: Cells, first: int, costs: Floats) -> int:
         blocked = self.poses.walk(path, first, costs)
