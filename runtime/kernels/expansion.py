@@ -55,7 +55,6 @@ from nnpp_edge.runtime.kernels.records import (
     BEST_H,
     BEST_NODE,
     EXPANSIONS,
-    REFUSED,
     Ends,
     Grid,
     Hints,
@@ -222,11 +221,9 @@ def _relax(node, row, col, k, g_node, own, edges, task, front):
 def _set_out(start, h, width, memory):
     """Begin a search: the start alone is on the open list."""
     queue = push(memory, empty(memory, h, width), int64(0), start)
-    suspend(memory, queue)
+    suspend(memory, queue, inf, 0)
     visit(memory, start, 0.0, OPEN_BIT | ORIGIN)
-    memory.reals[REFUSED] = inf
     memory.reals[BEST_H] = inf
-    memory.counts[EXPANSIONS] = 0
     memory.counts[BEST_NODE] = start
 
 
@@ -324,10 +321,8 @@ def expand(grid, edges, links, region, hints, ends, rule, memory, limits):
             k = lowest_bit(better)
             better &= better - 1
             front = _relax(node, row, col, k, g_node, own, edges, task, front)
-    suspend(memory, front.queue)
-    memory.reals[REFUSED] = front.refused
+    suspend(memory, front.queue, front.refused, expansions)
     memory.reals[BEST_H] = best_h
-    memory.counts[EXPANSIONS] = expansions
     cells = 0
     if code != FULL:
         end = goal if code == FOUND else memory.counts[BEST_NODE]

@@ -62,12 +62,10 @@ from nnpp_edge.runtime.kernels.records import (
     BOUND,
     BY_LENGTH,
     DOWN,
-    EDGE,
     EXPANSIONS,
     FIXED,
     GOAL_STATE,
     MOTION,
-    REFUSED,
     RIGHT,
     THERE,
     TO,
@@ -223,11 +221,10 @@ def _fare(code, fare, unit):
 @inlined
 def _step(code, node, local, way, task):
     """As `_fare`, of a primitive that leaves a state of a node; of a leg by its edge, if there are
-    any.
+    any, which bodies that drive arcs have not.
     """
-    edge = task.prices.moves[local, way, EDGE]
-    if len(task.edges) and edge >= 0 and code < FAILS:
-        return task.edges[uint64(node), uint64(edge)]
+    if len(task.edges) and way == LEG and code < FAILS:
+        return task.edges[uint64(node), uint64(local)]
     return _fare(code, task.prices.fares[local, way], task.prices.unit)
 
 
@@ -267,9 +264,7 @@ def _seed(memory, seeds, judge, base, width):
         bucket = bucket_of(seeds.costs[n] + _left_of_cell(node, judge), queue)
         queue = push(memory, queue, bucket, node)
         visit(memory, node, seeds.costs[n], OPEN_BIT | seeds.onwards[n])
-    suspend(memory, queue)
-    memory.reals[REFUSED] = inf
-    memory.counts[EXPANSIONS] = 0
+    suspend(memory, queue, inf, 0)
 
 
 @inlined
@@ -390,9 +385,7 @@ def fill_field(poses, edges, prices, region, seeds, ends, rule, memory, limits):
         onwards = word & DIRECTION_BITS
         for k in range(rays):
             front = _relax_ray(row, col, k, node, g_node, onwards, task, front)
-    suspend(memory, front.queue)
-    memory.reals[REFUSED] = front.refused
-    memory.counts[EXPANSIONS] = expansions
+    suspend(memory, front.queue, front.refused, expansions)
     return code, expansions, front.refused
 
 
@@ -413,12 +406,10 @@ def _set_out(ends, task):
             h = min(h, _left(state, task.judge))
             queue = push(memory, queue, int64(0), state)
             visit(memory, state, 0.0, OPEN_BIT | ORIGIN)
-    suspend(memory, queue)
+    suspend(memory, queue, inf, 0)
     memory.reals[BASE] = h
-    memory.reals[REFUSED] = inf
     memory.reals[BEST_H] = inf
     memory.reals[BOUND] = inf
-    memory.counts[EXPANSIONS] = 0
     memory.counts[BEST_NODE] = state
     memory.counts[GOAL_STATE] = NOTHING
 
@@ -601,12 +592,10 @@ def expand_states(poses, edges, prices, field, region, ends, rule, memory, limit
             memory.counts[BEST_NODE] = state
         for way in range(ways):
             front, settled = _relax(row, col, local, way, g_state, expansions, task, front, settled)
-    suspend(memory, front.queue)
-    memory.reals[REFUSED] = front.refused
+    suspend(memory, front.queue, front.refused, expansions)
     memory.reals[BEST_H] = best_h
     memory.reals[BOUND] = front.bound
     memory.counts[GOAL_STATE] = settled
-    memory.counts[EXPANSIONS] = expansions
     if code == FOUND:
         memory.counts[BEST_NODE] = settled
     cells = 0
@@ -632,27 +621,23 @@ def walk_states(poses, prices, path, first, costs):
     stride = poses.cols + 2
     total = 0.0
     before = -1
-    if first == 0:
-        costs[:1] = 0.0
+    costs[first : first + 1] = 0.0
     for n in range(max(first, 1), len(path)):
         down, right = step_to(path, n)
         k = _direction_of(down, right)
         node = node_on(path, n - 1, stride)
-        if n == first:  # the leg before: only its direction counts
-            before = k
-            costs[n] = 0.0
-            continue
-        if before >= 0 and before != k:
-            turn = _turn_cost(poses, prices, node, before, k)
-            if turn == inf:
+        if n > first:  # of the leg before only its direction counts
+            if before >= 0 and before != k:
+                turn = _turn_cost(poses, prices, node, before, k)
+                if turn == inf:
+                    return n
+                total += turn if n > first + 1 else 0.0
+            at = node if k < AXIS_COUNT else node_on(path, n, stride)
+            code = _checked_code(poses, at, k & _AXIS_MASK)
+            if code >= FAILS:
                 return n
-            total += turn if n > first + 1 else 0.0
-        at = node if k < AXIS_COUNT else node_on(path, n, stride)
-        code = _checked_code(poses, at, k & _AXIS_MASK)
-        if code >= FAILS:
-            return n
-        total += prices.fares[k, LEG, BY_LENGTH] * (1.0 + motion_weight(code, prices.unit))
-        costs[n] = total
+            total += prices.fares[k, LEG, BY_LENGTH] * (1.0 + motion_weight(code, prices.unit))
+            costs[n] = total
         before = k
     return -1
 
@@ -706,12 +691,12 @@ def _turn_cost(poses, prices, node, before, after):
     """Cost of turning on a node to another direction, the shorter way; inf where impossible (both
     ways are).
     """
-    left = (after - before) & _DIRECTION_MASK <= DIRECTION_COUNT // 2
+    step = 1 if (after - before) & _DIRECTION_MASK <= DIRECTION_COUNT // 2 else -1
     total = 0.0
     k = before
     while k != after and total < inf:
-        axis = k & _AXIS_MASK if left else (k - 1) & _AXIS_MASK
+        axis = min(k, k + step) & _AXIS_MASK
         passes = _checked_code(poses, node, AXIS_COUNT + axis) < FAILS
         total = total + prices.fares[axis, LEFT_TURN, FIXED] if passes else inf
-        k = (k + 1 if left else k - 1) & _DIRECTION_MASK
+        k = (k + step) & _DIRECTION_MASK
     return total

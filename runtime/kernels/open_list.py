@@ -21,6 +21,7 @@ from nnpp_edge.runtime.kernels.nodes import OPEN_BIT, STAMP_SHIFT, g_of, word_of
 from nnpp_edge.runtime.kernels.records import (
     BASE,
     BLOCK,
+    EXPANSIONS,
     FINE_AT,
     FREE,
     INVERSE_WIDTH,
@@ -81,8 +82,12 @@ def resumed(memory, bound):
 
 
 @inlined
-def suspend(memory, queue):
-    """Keep where the list stands for the next call."""
+def suspend(memory, queue, refused, expansions):
+    """Keep for the next call where the list stands, the least f that the region refused, and the
+    expansions so far.
+    """
+    memory.reals[REFUSED] = refused
+    memory.counts[EXPANSIONS] = expansions
     control = memory.control
     control[FREE] = queue.free
     control[USED] = queue.used

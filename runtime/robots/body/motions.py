@@ -310,17 +310,15 @@ def _corners_of(columns: Floats, rows: Floats, near: Floats) -> Floats:
     part's extent is that of the strip, cut off at the square. Of the corners on one line between
     two middles the outer ones stay.
     """
-    row = rows[:, None, 0]
-    col = columns[None, :, 0]
-    top, bottom = columns[None, :, 1:].transpose(2, 0, 1)
-    left, right = rows[:, None, 1:].transpose(2, 0, 1)
-    low = [np.maximum(top, row), np.maximum(left, col)]
-    high = [np.minimum(bottom, row + 1.0), np.minimum(right, col + 1.0)]
-    there = (high[0] - low[0] > _ROUNDING) & (high[1] - low[1] > _ROUNDING)
-    for axis, begin in enumerate((row, col)):
-        end = begin + 1.0
-        low[axis] = np.where(low[axis] - begin <= near[axis], begin, low[axis])
-        high[axis] = np.where(end - high[axis] <= near[axis], end, high[axis])
+    # by axis of the square, (2, rows, columns)
+    begin = np.stack(np.broadcast_arrays(rows[:, None, 0], columns[:, 0]))
+    least, most = (np.stack(np.broadcast_arrays(columns[:, k], rows[:, None, k])) for k in (1, 2))
+    end = begin + 1.0
+    low = np.maximum(least, begin)
+    high = np.minimum(most, end)
+    there = (high - low > _ROUNDING).all(0)
+    low = np.where(low - begin <= near[:, None, None], begin, low)
+    high = np.where(end - high <= near[:, None, None], end, high)
     lines = itertools.product((low[0], high[0]), (low[1], high[1]))
     corners = [np.stack((down[there], across[there]), 1) for down, across in lines]
     points = np.unique(np.round(np.concatenate(corners), 9), axis=0)
@@ -352,8 +350,7 @@ def _cells_of(points: Floats) -> tuple[Int64, Floats]:
     # of the lines before and behind each point, by axis, so that none is a mean of three
     shares = np.stack((first + 1.0 - points, points - first), 1)  # (S, 2, 2)
     corner = np.array(((0, 0), (0, 1), (1, 0), (1, 1)))
-    of_row = shares[:, corner[:, 0], 0]
-    of_col = shares[:, corner[:, 1], 1]
-    there = (of_row > _ROUNDING) & (of_col > _ROUNDING)
-    cells = np.concatenate((first[:, None] + corner, (of_row * of_col)[..., None]), 2)
+    of_axes = shares[:, corner, [0, 1]]  # (S, 4, 2)
+    there = (of_axes > _ROUNDING).all(2)
+    cells = np.concatenate((first[:, None] + corner, of_axes.prod(2, keepdims=True)), 2)
     return there.sum(1), cells[there]

@@ -57,7 +57,6 @@ class Move(NamedTuple):
     to: int
     motion: int
     there: bool
-    edge: int = -1
 
 
 class Curve(NamedTuple):
@@ -105,21 +104,21 @@ def turn_rad(direction: int, sides_m: tuple[float, float]) -> float:
 
 def curve(direction: int, sides_m: tuple[float, float], radius_m: float) -> Curve:
     """The shortest from a direction to the next whose arc has at least this radius."""
-    angle = turn_rad(direction, sides_m)
     after = (direction + 1) % DIRECTION_COUNT
-    legs = [
-        math.hypot(LEG_ROWS[k] * sides_m[0], LEG_COLS[k] * sides_m[1]) for k in (direction, after)
-    ]
+    angle = turn_rad(direction, sides_m)
     touching = math.tan(0.5 * angle)
-    counts = [max(math.ceil(radius_m * touching / leg - 1e-9), 1) for leg in legs]
-    tangents = [count * leg for count, leg in zip(counts, legs, strict=True)]
-    down, right = (
-        counts[0] * steps[direction] + counts[1] * steps[after] for steps in (LEG_ROWS, LEG_COLS)
-    )
+    down = 0
+    right = 0
+    tangents = []
+    for k in (direction, after):
+        leg = math.hypot(LEG_ROWS[k] * sides_m[0], LEG_COLS[k] * sides_m[1])
+        count = max(math.ceil(radius_m * touching / leg - 1e-9), 1)
+        tangents.append(count * leg)
+        down += count * LEG_ROWS[k]
+        right += count * LEG_COLS[k]
     shorter = min(tangents)
-    return Curve(
-        down, right, tangents[0] - shorter, shorter / touching, angle, tangents[1] - shorter
-    )
+    before_m, after_m = (tangent - shorter for tangent in tangents)
+    return Curve(down, right, before_m, shorter / touching, angle, after_m)
 
 
 def sharpest_m(radius_m: float, sides_m: tuple[float, float]) -> float:
@@ -225,4 +224,4 @@ def _ways(
 def _leg(way: int, direction: int) -> Move:
     """The leg that leads a way, of a body that stands in this direction."""
     there = way >= AXIS_COUNT
-    return Move(LEG_ROWS[way], LEG_COLS[way], direction, direction % AXIS_COUNT, there, way)
+    return Move(LEG_ROWS[way], LEG_COLS[way], direction, direction % AXIS_COUNT, there)

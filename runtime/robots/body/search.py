@@ -171,11 +171,10 @@ class FromGoal:
         reach = int(memory.least_open / grid.prices[0])
         reach += 2 * int(np.abs(moves[..., [DOWN, RIGHT]]).max())
         nodes = grid.nodes(widened((*self.query.goal, 1, 1), (reach, reach), grid.shape)).ravel()
-        words = memory.meta[1::2].reshape(-1, memory.states)
-        nodes = nodes[(words[nodes] >> STAMP_SHIFT == memory.stamp).any(1)]
+        nodes = nodes[np.isfinite(memory.costs(nodes))]
         if self._ends.goal in nodes:
             return None
-        words = words[nodes]
+        words = memory.meta[1::2].reshape(-1, memory.states)[nodes]
         came = words >> STAMP_SHIFT == memory.stamp
         waits = words & OPEN_BIT > 0
         g = memory.g[::2].reshape(-1, memory.states)[nodes]
