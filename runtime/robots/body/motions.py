@@ -291,13 +291,10 @@ def _extents(corners: Floats) -> list[Floats]:
     # which corners lie in each strip
     inside = y >= lines[:, :-1, None] - _ROUNDING
     inside &= y <= lines[:, 1:, None] + _ROUNDING
-    extents = []
-    for sign in (-1.0, 1.0):
-        on_lines = np.where(crossed, sign * at, -np.inf).max(-1)
-        within = np.where(inside, sign * x, -np.inf).max(-1)
-        farthest = np.maximum.reduce((on_lines[:, :-1], on_lines[:, 1:], within))
-        extents.append(sign * farthest)
-    found = np.stack((lines[:, :-1], *extents), -1)
+    on_lines = np.where(crossed, at, np.nan)
+    within = np.where(inside, x, np.nan)
+    met = np.concatenate((on_lines[:, :-1], on_lines[:, 1:], within), 2)
+    found = np.stack((lines[:, :-1], np.fmin.reduce(met, 2), np.fmax.reduce(met, 2)), 2)
     counts = (last - first).astype(int)
     return [each[:strips] for each, strips in zip(found, counts, strict=True)]
 
