@@ -40,23 +40,22 @@ from nnpp_edge.runtime.kernels.nodes import (
 )
 from nnpp_edge.runtime.kernels.open_list import (
     NOTHING,
-    SPAN,
-    bucket_of,
     empty,
-    last_bucket_below,
+    known,
     push,
-    resume,
+    refuse,
+    resumed,
+    stop_at,
     suspend,
     taking_by,
+    wait,
 )
 from nnpp_edge.runtime.kernels.pooling import NO_LINKS as NO_LINKS
 from nnpp_edge.runtime.kernels.records import (
     BEST_H,
     BEST_NODE,
     EXPANSIONS,
-    REFUSED,
     Ends,
-    Frontier,
     Grid,
     Hints,
     Judge,
@@ -210,40 +209,22 @@ def _relax(node, row, col, k, g_node, own, edges, task, front):
         return front
     in_region = len(task.region.bitmap) == 0 or there == goal
     if not in_region and outside(task.region, row + down, col + right):
-        refused = min(front.refused, f)
-        return Frontier(front.queue, front.bound, front.last_bucket, refused)
+        return refuse(front, f)
     if there == goal:  # never expanded, so never put on the open list
         visit(task.memory, there, reached, k)
-        bound = f * task.beyond
-        last_bucket = last_bucket_below(bound, front.queue)
-        return Frontier(front.queue, bound, last_bucket, front.refused)
+        return stop_at(front, f * task.beyond)
     visit(task.memory, there, reached, OPEN_BIT | k)
-    queue = push(task.memory, front.queue, bucket_of(f, front.queue), there)
-    return Frontier(queue, front.bound, front.last_bucket, front.refused)
+    return wait(task.memory, front, f, there)
 
 
 @inlined
 def _set_out(start, h, width, memory):
     """Begin a search: the start alone is on the open list."""
     queue = push(memory, empty(memory, h, width), int64(0), start)
-    suspend(memory, queue)
+    suspend(memory, queue, inf, 0)
     visit(memory, start, 0.0, OPEN_BIT | ORIGIN)
-    memory.reals[REFUSED] = inf
     memory.reals[BEST_H] = inf
-    memory.counts[EXPANSIONS] = 0
     memory.counts[BEST_NODE] = start
-
-
-@inlined
-def _go_on(memory, goal, beyond):
-    """How far a search had come when its last call stopped."""
-    queue = resume(memory)
-    bound = inf
-    last_bucket = int64(SPAN)
-    if word_of(memory.meta, goal) >> STAMP_SHIFT == memory.stamp:
-        bound = float64(g_of(memory.g, goal)) * beyond
-        last_bucket = last_bucket_below(bound, queue)
-    return Frontier(queue, bound, last_bucket, memory.reals[REFUSED])
 
 
 @kernel
@@ -294,7 +275,7 @@ def expand(grid, edges, links, region, hints, ends, rule, memory, limits):
         _set_out(ends.start, h, rule.width, memory)
         if h == inf:  # a landmark is connected to only one of the two
             return EXHAUSTED, 0, 0, inf
-    front = _go_on(memory, goal, rule.beyond)
+    front = resumed(memory, float64(known(memory, goal)) * rule.beyond)
     best_h = memory.reals[BEST_H]
     room = int64(len(memory.entries)) // 2 - 8
     inverse_stride = 1.0 / stride
@@ -340,10 +321,8 @@ def expand(grid, edges, links, region, hints, ends, rule, memory, limits):
             k = lowest_bit(better)
             better &= better - 1
             front = _relax(node, row, col, k, g_node, own, edges, task, front)
-    suspend(memory, front.queue)
-    memory.reals[REFUSED] = front.refused
+    suspend(memory, front.queue, front.refused, expansions)
     memory.reals[BEST_H] = best_h
-    memory.counts[EXPANSIONS] = expansions
     cells = 0
     if code != FULL:
         end = goal if code == FOUND else memory.counts[BEST_NODE]

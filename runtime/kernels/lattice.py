@@ -38,10 +38,10 @@ from nnpp_edge.runtime.kernels.open_list import (
     NOTHING,
     bucket_of,
     empty,
-    last_bucket_below,
+    known,
     push,
     refuse,
-    resume,
+    resumed,
     stop_at,
     suspend,
     taking_by,
@@ -62,12 +62,10 @@ from nnpp_edge.runtime.kernels.records import (
     BOUND,
     BY_LENGTH,
     DOWN,
-    EDGE,
     EXPANSIONS,
     FIXED,
     GOAL_STATE,
     MOTION,
-    REFUSED,
     RIGHT,
     THERE,
     TO,
@@ -77,7 +75,6 @@ from nnpp_edge.runtime.kernels.records import (
     FieldRule,
     FieldTask,
     Frame,
-    Frontier,
     Legs,
     Limits,
     Memory,
@@ -224,11 +221,10 @@ def _fare(code, fare, unit):
 @inlined
 def _step(code, node, local, way, task):
     """As `_fare`, of a primitive that leaves a state of a node; of a leg by its edge, if there are
-    any.
+    any, which bodies that drive arcs have not.
     """
-    edge = task.prices.moves[local, way, EDGE]
-    if len(task.edges) and edge >= 0 and code < FAILS:
-        return task.edges[uint64(node), uint64(edge)]
+    if len(task.edges) and way == LEG and code < FAILS:
+        return task.edges[uint64(node), uint64(local)]
     return _fare(code, task.prices.fares[local, way], task.prices.unit)
 
 
@@ -260,13 +256,6 @@ def trace_states(meta, state, prices, frame, out):
 
 
 @inlined
-def _resumed(memory, bound):
-    """How far a search had come when its last call stopped."""
-    queue = resume(memory)
-    return Frontier(queue, bound, last_bucket_below(bound, queue), memory.reals[REFUSED])
-
-
-@inlined
 def _seed(memory, seeds, judge, base, width):
     """Begin a field: the seeds are on the open list, which has room for all."""
     queue = empty(memory, base, width)
@@ -275,9 +264,7 @@ def _seed(memory, seeds, judge, base, width):
         bucket = bucket_of(seeds.costs[n] + _left_of_cell(node, judge), queue)
         queue = push(memory, queue, bucket, node)
         visit(memory, node, seeds.costs[n], OPEN_BIT | seeds.onwards[n])
-    suspend(memory, queue)
-    memory.reals[REFUSED] = inf
-    memory.counts[EXPANSIONS] = 0
+    suspend(memory, queue, inf, 0)
 
 
 @inlined
@@ -292,13 +279,6 @@ def _by_ray(there, k, g_node, code, onwards, task):
         return g_node + (task.edges[uint64(there), uint64(k)] + turn)
     fare = task.prices.ray_fares[k]
     return g_node + (fare * (float32(1.0) + motion_weight(code, task.prices.unit)) + turn)
-
-
-@inlined
-def _known(memory, node):
-    """g of a node so far, inf where no search has come."""
-    visited = word_of(memory.meta, node) >> STAMP_SHIFT == memory.stamp
-    return g_of(memory.g, node) if visited else float32(inf)
 
 
 @inlined
@@ -317,10 +297,10 @@ def _relax_ray(row, col, k, node, g_node, onwards, task, front):
     code = _code(poses, on, motion)
     if code >= FAILS:
         return front
-    known = _known(task.memory, there)
+    least = known(task.memory, there)
     reached = _by_ray(there, k, g_node, code, onwards, task)
     left = _distance(i, j, judge, judge.legs)
-    if not reached < known or reached + left >= front.bound:
+    if not reached < least or reached + left >= front.bound:
         return front
     in_region = len(task.region.bitmap) == 0 or there == task.start
     if not in_region and outside(task.region, i, j):
@@ -328,7 +308,7 @@ def _relax_ray(row, col, k, node, g_node, onwards, task, front):
     if code == UNCHECKED:
         code = _checked_code(poses, on, motion)
         reached = _by_ray(there, k, g_node, code, onwards, task)
-        if code >= FAILS or not reached < known or reached + left >= front.bound:
+        if code >= FAILS or not reached < least or reached + left >= front.bound:
             return front
     visit(task.memory, there, reached, OPEN_BIT | (k & _DIRECTION_MASK))
     if there == task.start:
@@ -371,7 +351,7 @@ def fill_field(poses, edges, prices, region, seeds, ends, rule, memory, limits):
     if goal >= 0:
         base = _left_of_cell(goal, judge)
         _seed(memory, borrowed(Seeds(*seeds)), judge, base, rule.width)
-    front = _resumed(memory, float64(_known(memory, start)))
+    front = resumed(memory, float64(known(memory, start)))
     room = int64(len(memory.entries)) // 2 - rays - 1
     expansions = memory.counts[EXPANSIONS]
     last = expansions + limits.most
@@ -405,9 +385,7 @@ def fill_field(poses, edges, prices, region, seeds, ends, rule, memory, limits):
         onwards = word & DIRECTION_BITS
         for k in range(rays):
             front = _relax_ray(row, col, k, node, g_node, onwards, task, front)
-    suspend(memory, front.queue)
-    memory.reals[REFUSED] = front.refused
-    memory.counts[EXPANSIONS] = expansions
+    suspend(memory, front.queue, front.refused, expansions)
     return code, expansions, front.refused
 
 
@@ -428,23 +406,22 @@ def _set_out(ends, task):
             h = min(h, _left(state, task.judge))
             queue = push(memory, queue, int64(0), state)
             visit(memory, state, 0.0, OPEN_BIT | ORIGIN)
-    suspend(memory, queue)
+    suspend(memory, queue, inf, 0)
     memory.reals[BASE] = h
-    memory.reals[REFUSED] = inf
     memory.reals[BEST_H] = inf
     memory.reals[BOUND] = inf
-    memory.counts[EXPANSIONS] = 0
     memory.counts[BEST_NODE] = state
     memory.counts[GOAL_STATE] = NOTHING
 
 
 @inlined
-def _come_by(row, col, local, way, before, checks, task):
-    """g of a state by the primitive that leads to it from the state `before` among those of
-    another cell, and that primitive's code, checked if it `checks`.
+def _come_by(row, col, local, way, checks, task):
+    """g of a state by the primitive that leads to it, and that primitive's code, checked if it
+    `checks`.
     """
     prices = task.prices
     frame = task.judge.frame
+    before = prices.origins[local, way]
     move = prices.moves[before, way]
     motion = int64(move[MOTION])
     at = (row - move[DOWN]) * frame.stride + col - move[RIGHT]
@@ -455,13 +432,14 @@ def _come_by(row, col, local, way, before, checks, task):
 
 
 @inlined
-def _next_best(row, col, local, task):
-    """The best of all ways to a state from states that are sure: g by it, and the word of the
-    state, 0 without any.
+def _wait_for_next(row, col, local, h, task, front):
+    """Have a state wait on the open list for the best of all ways to it from states that are sure,
+    or for none.
     """
     prices = task.prices
     memory = task.memory
     frame = task.judge.frame
+    state = _state(row * frame.stride + col, local, frame)
     least = float32(inf)
     word = int64(0)
     for way in range(prices.moves.shape[1]):
@@ -472,21 +450,14 @@ def _next_best(row, col, local, task):
         j = col - prices.moves[before, way, RIGHT]
         if not _is_on_map(task.poses, i, j):
             continue
-        known = word_of(memory.meta, _state(i * frame.stride + j, before, frame))
-        if known >> STAMP_SHIFT != memory.stamp or known & UNSURE_BIT:
+        from_word = word_of(memory.meta, _state(i * frame.stride + j, before, frame))
+        if from_word >> STAMP_SHIFT != memory.stamp or from_word & UNSURE_BIT:
             continue
-        reached, code = _come_by(row, col, local, way, before, False, task)
+        reached, code = _come_by(row, col, local, way, False, task)
         if reached < least:
             least = reached
             unsure = UNSURE_BIT if code == UNCHECKED else 0
             word = (memory.stamp << STAMP_SHIFT) | OPEN_BIT | unsure | way
-    return least, word
-
-
-@inlined
-def _wait(state, h, least, word, task, front):
-    """Have a state wait on the open list for the next best way to it, or for none."""
-    memory = task.memory
     put_word(memory.meta, state, word)
     if not word:
         return front
@@ -514,17 +485,17 @@ def _relax(row, col, local, way, g_state, expansions, task, front, settled):
     if found >= FAILS:
         return front, settled
     there = _state(across, to, frame)
-    known = float32(inf)
+    least = float32(inf)
     sure = False
     before = word_of(memory.meta, there)
     if before >> STAMP_SHIFT == memory.stamp:
-        known = g_of(memory.g, there)
+        least = g_of(memory.g, there)
         sure = not before & UNSURE_BIT
         if not before & OPEN_BIT and across != task.goal:
-            known -= float32(task.rule.again * expansions)
+            least -= float32(task.rule.again * expansions)
     reached = float32(g_state + _step(found, node, local, way, task))
     left = _left_at(i, j, to, task.judge)
-    if not reached < known or reached + left >= front.bound:
+    if not reached < least or reached + left >= front.bound:
         return front, settled
     in_region = len(task.region.bitmap) == 0 or across == node or across == task.goal
     if not in_region and outside(task.region, i, j):
@@ -533,7 +504,7 @@ def _relax(row, col, local, way, g_state, expansions, task, front, settled):
     if (ends_here or sure) and found == UNCHECKED:  # what is sure stays so
         found = _checked_code(poses, on, motion)
         reached = float32(g_state + _step(found, node, local, way, task))
-        if not reached < known or reached + left >= front.bound:
+        if not reached < least or reached + left >= front.bound:
             return front, settled
     if ends_here:  # never expanded, so never put on the open list
         visit(memory, there, reached, way)
@@ -568,17 +539,15 @@ def expand_states(poses, edges, prices, field, region, ends, rule, memory, limit
     memory = borrowed(Memory(*memory))
     poses = borrowed(Poses(*poses))
     stride = poses.cols + 2
-    goal_row = ends.goal // stride
-    goal_col = ends.goal % stride
     frame = Frame(*rule.frame)
-    field = borrowed(Field(*field))
-    judge = StateJudge(frame, goal_row, goal_col, Legs(*rule.legs), field)
+    place = (ends.goal // stride, ends.goal % stride)
+    judge = StateJudge(frame, *place, Legs(*rule.legs), borrowed(Field(*field)))
     region = borrowed(Region(*region))
     edges = borrowed(edges)
     task = StateTask(poses, edges, named, region, judge, ends.goal, rule, memory)
     if ends.start >= 0:
         _set_out(ends, task)
-    front = _resumed(memory, memory.reals[BOUND])
+    front = resumed(memory, memory.reals[BOUND])
     best_h = memory.reals[BEST_H]
     settled = memory.counts[GOAL_STATE]
     ways = named.moves.shape[1]
@@ -611,12 +580,9 @@ def expand_states(poses, edges, prices, field, region, ends, rule, memory, limit
             continue
         # check what leads here; if that fails, or is dearer, the state waits for the next best way
         if word & UNSURE_BIT:
-            way = word & DIRECTION_BITS
-            before = named.origins[local, way]
-            reached, _ = _come_by(row, col, local, way, before, True, task)
+            reached, _ = _come_by(row, col, local, word & DIRECTION_BITS, True, task)
             if reached > g_state:
-                least, word = _next_best(row, col, local, task)
-                front = _wait(state, h, least, word, task, front)
+                front = _wait_for_next(row, col, local, h, task, front)
                 continue
         # close it, and expand it: relax the primitives that lead from it
         put_word(memory.meta, state, word & ~(OPEN_BIT | UNSURE_BIT))
@@ -626,12 +592,10 @@ def expand_states(poses, edges, prices, field, region, ends, rule, memory, limit
             memory.counts[BEST_NODE] = state
         for way in range(ways):
             front, settled = _relax(row, col, local, way, g_state, expansions, task, front, settled)
-    suspend(memory, front.queue)
-    memory.reals[REFUSED] = front.refused
+    suspend(memory, front.queue, front.refused, expansions)
     memory.reals[BEST_H] = best_h
     memory.reals[BOUND] = front.bound
     memory.counts[GOAL_STATE] = settled
-    memory.counts[EXPANSIONS] = expansions
     if code == FOUND:
         memory.counts[BEST_NODE] = settled
     cells = 0
@@ -657,27 +621,23 @@ def walk_states(poses, prices, path, first, costs):
     stride = poses.cols + 2
     total = 0.0
     before = -1
-    if first == 0:
-        costs[:1] = 0.0
+    costs[first : first + 1] = 0.0
     for n in range(max(first, 1), len(path)):
         down, right = step_to(path, n)
         k = _direction_of(down, right)
         node = node_on(path, n - 1, stride)
-        if n == first:  # the leg before: only its direction counts
-            before = k
-            costs[n] = 0.0
-            continue
-        if before >= 0 and before != k:
-            turn = _turn_cost(poses, prices, node, before, k)
-            if turn == inf:
+        if n > first:  # of the leg before only its direction counts
+            if before >= 0 and before != k:
+                turn = _turn_cost(poses, prices, node, before, k)
+                if turn == inf:
+                    return n
+                total += turn if n > first + 1 else 0.0
+            at = node if k < AXIS_COUNT else node_on(path, n, stride)
+            code = _checked_code(poses, at, k & _AXIS_MASK)
+            if code >= FAILS:
                 return n
-            total += turn if n > first + 1 else 0.0
-        at = node if k < AXIS_COUNT else node_on(path, n, stride)
-        code = _checked_code(poses, at, k & _AXIS_MASK)
-        if code >= FAILS:
-            return n
-        total += prices.fares[k, LEG, BY_LENGTH] * (1.0 + motion_weight(code, prices.unit))
-        costs[n] = total
+            total += prices.fares[k, LEG, BY_LENGTH] * (1.0 + motion_weight(code, prices.unit))
+            costs[n] = total
         before = k
     return -1
 
@@ -731,12 +691,12 @@ def _turn_cost(poses, prices, node, before, after):
     """Cost of turning on a node to another direction, the shorter way; inf where impossible (both
     ways are).
     """
-    left = (after - before) & _DIRECTION_MASK <= DIRECTION_COUNT // 2
+    step = 1 if (after - before) & _DIRECTION_MASK <= DIRECTION_COUNT // 2 else -1
     total = 0.0
     k = before
     while k != after and total < inf:
-        axis = k & _AXIS_MASK if left else (k - 1) & _AXIS_MASK
+        axis = min(k, k + step) & _AXIS_MASK
         passes = _checked_code(poses, node, AXIS_COUNT + axis) < FAILS
         total = total + prices.fares[axis, LEFT_TURN, FIXED] if passes else inf
-        k = (k + 1 if left else k - 1) & _DIRECTION_MASK
+        k = (k + step) & _DIRECTION_MASK
     return total

@@ -14,17 +14,19 @@ what g, a float32, cannot. So they cover at least as much again as f has come to
 few times at most, whatever the weights.
 """
 
-from numpy import inf, int64, uint64
+from numpy import float32, inf, int64, uint64
 
 from nnpp_edge.runtime.compiled.kernel import inlined
-from nnpp_edge.runtime.kernels.nodes import OPEN_BIT, g_of, word_of
+from nnpp_edge.runtime.kernels.nodes import OPEN_BIT, STAMP_SHIFT, g_of, word_of
 from nnpp_edge.runtime.kernels.records import (
     BASE,
     BLOCK,
+    EXPANSIONS,
     FINE_AT,
     FREE,
     INVERSE_WIDTH,
     LENGTH,
+    REFUSED,
     USED,
     Frontier,
     Queue,
@@ -64,8 +66,28 @@ def resume(memory):
 
 
 @inlined
-def suspend(memory, queue):
-    """Keep where the list stands for the next call."""
+def known(memory, node):
+    """g of a node so far, inf where no search has come."""
+    visited = word_of(memory.meta, node) >> STAMP_SHIFT == memory.stamp
+    return g_of(memory.g, node) if visited else float32(inf)
+
+
+@inlined
+def resumed(memory, bound):
+    """How far a search had come when a call stopped; it leaves out what has an f of this bound or
+    more.
+    """
+    queue = resume(memory)
+    return Frontier(queue, bound, last_bucket_below(bound, queue), memory.reals[REFUSED])
+
+
+@inlined
+def suspend(memory, queue, refused, expansions):
+    """Keep for the next call where the list stands, the least f that the region refused, and the
+    expansions so far.
+    """
+    memory.reals[REFUSED] = refused
+    memory.counts[EXPANSIONS] = expansions
     control = memory.control
     control[FREE] = queue.free
     control[USED] = queue.used

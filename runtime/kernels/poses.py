@@ -179,13 +179,10 @@ def _lift(heights, first, pose, tables, fit, least, halves):
 @helper
 def _highest(heights, first, pose, tables):
     """Greatest of the heights that a pose is checked by, those that are not known apart."""
-    last = tables.groups[tables.groups_of[pose + 1] - 1]
-    fours = last[SAMPLES_OF_TWO] - last[SAMPLES_OF_FOUR]
-    twos = last[SAMPLES_OF_ONE] - last[SAMPLES_OF_TWO]
-    ones = last[SAMPLES_END] - last[SAMPLES_OF_ONE]
-    end = last[FIRST_CELL] + 4 * fours + 2 * twos + ones
+    begin = tables.groups[tables.groups_of[pose], FIRST_CELL]
+    end = tables.groups[tables.groups_of[pose + 1], FIRST_CELL]
     high = in_all(-_INF)
-    for n in range(tables.groups[tables.groups_of[pose], FIRST_CELL], end):
+    for n in range(begin, end):
         there = run_at(heights, first + tables.offsets[n])
         high = chosen(there > high, there, high)
     return high
@@ -248,9 +245,8 @@ def _wheels(heights, first, pose, tables, fit, halves):
 
 @helper
 def _figures(heights, first, pose, tables, halves):
-    """`Figures` of a run's poses, of one place and heading; their slopes ahead and to the left with
-    the wheels in the middle of their ranges; and whether the heights under the wheels' middles are
-    known.
+    """`Figures` of a run's poses, of one place and heading; and whether the heights under the
+    wheels' middles are known.
     """
     fit_along, fit_across, known = _slopes(heights, first, pose, tables)
     fit = Plane(in_all(_ZERO), fit_along, fit_across)
@@ -287,8 +283,9 @@ def _figures(heights, first, pose, tables, halves):
     roll = across + turn * (abs(fit_along) + steep_along)
     pitch = chosen(pitch < slope, pitch, slope)
     roll = chosen(roll < slope, roll, slope)
-    slopes = (fit_along + mid_along, fit_across + mid_across)
-    return Figures(slope, pitch, roll, step, rise), slopes, known
+    mid_along = fit_along + mid_along
+    mid_across = fit_across + mid_across
+    return Figures(slope, pitch, roll, step, rise, mid_along, mid_across), known
 
 
 @helper
@@ -337,18 +334,8 @@ def figures_of(poses, row, col, motion, out):
     first = _first_height(poses, row, col)
     begin = tables.poses_of[motion]
     for n in range(tables.poses_of[motion + 1] - begin):
-        bounds, slopes, _ = _figures(poses.heights, first, begin + n, tables, scratch)
-        along, across = slopes
-        figures = (
-            bounds.slope,
-            bounds.pitch,
-            bounds.roll,
-            bounds.step,
-            bounds.rise,
-            along,
-            across,
-        )
-        for k in range(7):
+        figures, _ = _figures(poses.heights, first, begin + n, tables, scratch)
+        for k in range(len(figures)):
             put_run(scratch, 0, figures[k])
             out[n, k] = scratch[0]
 
@@ -374,7 +361,7 @@ def check_run(poses, row, col, motion):
     worst = in_all(_ZERO)
     wall = side > 0 and _wall_near(heights, first, poses.width, poses.margin)
     for pose in range(begin, end):
-        bounds, _, known = _figures(heights, first, pose, tables, scratch)
+        bounds, known = _figures(heights, first, pose, tables, scratch)
         added = _added(poses.added, first, pose, tables)
         code = _codes(bounds, added, poses.limits)
         if side > 0:  # without the wheels' plane, what is known below refuses too much
@@ -445,7 +432,7 @@ def forget_poses(poses, area, reach):
     col1 = min(area.col1 + cols_off, cols)
     # whole runs
     col0 -= col0 % LANES
-    col1 = min(col1 + (LANES - col1 % LANES) % LANES, cols)
+    col1 = min(col1 + -col1 % LANES, cols)
     for row in range(max(area.row0 - rows_off, 0), min(area.row1 + rows_off, poses.rows)):
         first = (row + 1) * (cols + 2) + 1
         poses.codes[first + col0 : first + col1] = UNCHECKED

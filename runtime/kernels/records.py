@@ -662,7 +662,9 @@ class PoseTables(NamedTuple):
     groups_of: Int64s
     """(poses + 1,) where each pose's groups of samples begin: of its wheels, then of its belly."""
     groups: Int64s
-    """(groups, 5) `SAMPLES_OF_FOUR` and the others below, of each group."""
+    """(groups + 1, 5) `SAMPLES_OF_FOUR` and the others below, of each group; last where all
+    cells end.
+    """
     ahead: Floats
     left: Floats
     """(samples,) metres from the body's middle."""
@@ -723,7 +725,7 @@ its patch. First of each pair."""
 
 class Figures(NamedTuple):
     """Of a run's poses: bounds of the steepest slope, of pitch and roll (as slopes), of the step
-    and of the rise under the belly, m.
+    and of the rise under the belly, m; and slopes with the wheels in the middle of their ranges.
     """
 
     slope: Floats
@@ -731,6 +733,8 @@ class Figures(NamedTuple):
     roll: Floats
     step: Floats
     rise: Floats
+    ahead: Floats
+    left: Floats
 
 
 class Plane(NamedTuple):
@@ -768,13 +772,13 @@ class Prices(NamedTuple):
     unit: np.float32
     """By how much each step of a code makes a motion dearer, as a share."""
     moves: Int32s
-    """(S, P, 6) `DOWN` and the others below, of each primitive of each state of a cell."""
+    """(S, P, 5) `DOWN` and the others below, of each primitive of each state of a cell."""
     fares: Floats
     """(S, P, 2) `BY_LENGTH` and `FIXED`, of each."""
     origins: Int32s
     """(S, P) the state from which a primitive leads to each; -1 where none does."""
     rays: Int32s
-    """(R, 6) ways from cell to cell whatever the direction, as `moves`."""
+    """(R, 5) ways from cell to cell whatever the direction, as `moves`."""
     ray_fares: Floats
     """(R,) cells that each costs by its code."""
     turns: Floats
@@ -786,11 +790,10 @@ RIGHT = 1
 TO = 2
 MOTION = 3
 THERE = 4
-EDGE = 5
-MOVE_COLUMNS = 6
+MOVE_COLUMNS = 5
 """Of a primitive: rows and columns to the cell that it leads to, the state there among those of
 a cell (-1 where no such primitive is); the motion that is checked, and whether that begins
-there; the direction of a leg, else -1."""
+there."""
 BY_LENGTH = 0
 FIXED = 1
 FARE_COLUMNS = 2

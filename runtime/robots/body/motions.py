@@ -129,7 +129,7 @@ def motions_of(vehicle: Vehicle, sides_m: Sides, motions: list[list[MotionPose]]
     body = 0.5 * np.array((vehicle.length_m, vehicle.width_m))
     # by which the wheels' heights make the plane's height at the middle, and its slopes
     fit: Floats = np.linalg.pinv(np.column_stack((np.ones(len(wheels)), wheels)))
-    poses = np.array([pose for motion in motions for pose in motion])
+    poses = np.concatenate(motions)
     offsets = poses[:, :2]
     headings = poses[:, 2:4]
     sweep, turn = poses[:, 4:].T
@@ -161,7 +161,8 @@ def motions_of(vehicle: Vehicle, sides_m: Sides, motions: list[list[MotionPose]]
     sizes = np.array([[(group.counts == many).sum() for many in (4, 2, 1)] for group in groups])
     ends = np.cumsum(sizes).reshape(-1, 3)
     begins = ends[:, :1] - sizes[:, :1]
-    cells_in = sizes @ (4, 2, 1)
+    samples = np.column_stack((begins, ends))
+    cells_in = np.cumsum([0, *(sizes @ (4, 2, 1))])
     cells = np.concatenate([group.cells for group in groups])
     places = np.concatenate([group.places for group in groups]).astype(np.float32)
     fitted = [
@@ -177,7 +178,7 @@ def motions_of(vehicle: Vehicle, sides_m: Sides, motions: list[list[MotionPose]]
     return PoseTables(
         poses_of=np.cumsum([0, *map(len, motions)]),
         groups_of=np.array(groups_of),
-        groups=np.column_stack((begins, ends, np.cumsum(cells_in) - cells_in)),
+        groups=np.column_stack((np.pad(samples, ((0, 1), (0, 0))), cells_in)),
         ahead=places[:, 0].copy(),
         left=places[:, 1].copy(),
         offsets=cells[:, :2].astype(np.int64),
@@ -287,13 +288,10 @@ def _extents(corners: Floats) -> list[Floats]:
     # which corners lie in each strip
     inside = y >= lines[:, :-1, None] - _ROUNDING
     inside &= y <= lines[:, 1:, None] + _ROUNDING
-    extents = []
-    for sign in (-1.0, 1.0):
-        on_lines = np.where(crossed, sign * at, -np.inf).max(-1)
-        within = np.where(inside, sign * x, -np.inf).max(-1)
-        farthest = np.maximum.reduce((on_lines[:, :-1], on_lines[:, 1:], within))
-        extents.append(sign * farthest)
-    found = np.stack((lines[:, :-1], *extents), -1)
+    on_lines = np.where(crossed, at, np.nan)
+    within = np.where(inside, x, np.nan)
+    met = np.concatenate((on_lines[:, :-1], on_lines[:, 1:], within), 2)
+    found = np.stack((lines[:, :-1], np.fmin.reduce(met, 2), np.fmax.reduce(met, 2)), 2)
     counts = (last - first).astype(int)
     return [each[:strips] for each, strips in zip(found, counts, strict=True)]
 
@@ -306,17 +304,15 @@ def _corners_of(columns: Floats, rows: Floats, near: Floats) -> Floats:
     part's extent is that of the strip, cut off at the square. Of the corners on one line between
     two middles the outer ones stay.
     """
-    row = rows[:, None, 0]
-    col = columns[None, :, 0]
-    top, bottom = columns[None, :, 1:].transpose(2, 0, 1)
-    left, right = rows[:, None, 1:].transpose(2, 0, 1)
-    low = [np.maximum(top, row), np.maximum(left, col)]
-    high = [np.minimum(bottom, row + 1.0), np.minimum(right, col + 1.0)]
-    there = (high[0] - low[0] > _ROUNDING) & (high[1] - low[1] > _ROUNDING)
-    for axis, begin in enumerate((row, col)):
-        end = begin + 1.0
-        low[axis] = np.where(low[axis] - begin <= near[axis], begin, low[axis])
-        high[axis] = np.where(end - high[axis] <= near[axis], end, high[axis])
+    # by axis of the square, (2, rows, columns)
+    begin = np.stack(np.broadcast_arrays(rows[:, None, 0], columns[:, 0]))
+    least, most = (np.stack(np.broadcast_arrays(columns[:, k], rows[:, None, k])) for k in (1, 2))
+    end = begin + 1.0
+    low = np.maximum(least, begin)
+    high = np.minimum(most, end)
+    there = (high - low > _ROUNDING).all(0)
+    low = np.where(low - begin <= near[:, None, None], begin, low)
+    high = np.where(end - high <= near[:, None, None], end, high)
     lines = itertools.product((low[0], high[0]), (low[1], high[1]))
     corners = [np.stack((down[there], across[there]), 1) for down, across in lines]
     points = np.unique(np.round(np.concatenate(corners), 9), axis=0)
@@ -348,8 +344,7 @@ def _cells_of(points: Floats) -> tuple[Int64, Floats]:
     # of the lines before and behind each point, by axis, so that none is a mean of three
     shares = np.stack((first + 1.0 - points, points - first), 1)  # (S, 2, 2)
     corner = np.array(((0, 0), (0, 1), (1, 0), (1, 1)))
-    of_row = shares[:, corner[:, 0], 0]
-    of_col = shares[:, corner[:, 1], 1]
-    there = (of_row > _ROUNDING) & (of_col > _ROUNDING)
-    cells = np.concatenate((first[:, None] + corner, (of_row * of_col)[..., None]), 2)
+    of_axes = shares[:, corner, [0, 1]]  # (S, 4, 2)
+    there = (of_axes > _ROUNDING).all(2)
+    cells = np.concatenate((first[:, None] + corner, of_axes.prod(2, keepdims=True)), 2)
     return there.sum(1), cells[there]

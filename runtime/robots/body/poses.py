@@ -29,7 +29,7 @@ from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.kernels import records
 from nnpp_edge.runtime.kernels.by_address import address_of
 from nnpp_edge.runtime.kernels.lanes import LANES
-from nnpp_edge.runtime.kernels.lattice import DIRECTION_COUNT, walk_primitives, walk_states
+from nnpp_edge.runtime.kernels.lattice import DIRECTION_COUNT, LEG, walk_primitives, walk_states
 from nnpp_edge.runtime.kernels.poses import (
     AXIS_COUNT,
     FAILS,
@@ -250,28 +250,24 @@ class Poses:
         """The motions along a path: legs between its cells (N, 2), or primitives between its states
         (N, 3).
         """
+        moves = self.prices.moves
+        steps = np.diff(path, axis=0)
         if path.shape[1] == 3:
-            moves = self.prices.moves
-            local = path[:-1, 2]
-            steps = np.diff(path, axis=0)
+            local = path[:-1, 2].astype(np.int64)
             steps[:, 2] = path[1:, 2]
             alike = moves[local][..., [DOWN, RIGHT, TO]] == steps[:, None]
             ways = alike.all(2).argmax(1)
-            taken = moves[local, ways]
             lengths = self.prices.fares[local, ways, BY_LENGTH].astype(np.float64)
-            motion = taken[:, MOTION].astype(np.int64)
-            there = taken[:, THERE] > 0
-            heading = local.astype(np.int64) % DIRECTION_COUNT
-            of_arc = (motion - ARCS + there) % DIRECTION_COUNT
-            at_path = np.where(motion < ARCS, motion % AXIS_COUNT, of_arc)
         else:
-            legs = np.diff(path, axis=0)
-            numbers = [motions.LEGS.index((row, col)) for row, col in legs.tolist()]
-            heading = np.array(numbers, np.int64)
-            motion = heading % AXIS_COUNT
-            there = heading >= AXIS_COUNT
-            lengths = np.hypot(*legs.T)
-            at_path = motion
+            local = np.array([motions.LEGS.index(tuple(leg)) for leg in steps.tolist()], np.int64)
+            ways = np.full(len(local), LEG)
+            lengths = np.hypot(*steps.T)
+        taken = moves[local, ways]
+        motion = taken[:, MOTION].astype(np.int64)
+        there = taken[:, THERE] > 0
+        heading = local % DIRECTION_COUNT
+        of_arc = (motion - ARCS + there) % DIRECTION_COUNT
+        at_path = np.where(motion < ARCS, motion % AXIS_COUNT, of_arc)
         cells = path[:, :2]
         begins = np.where(there[:, None], cells[1:], cells[:-1])
         return PathMotions(begins, motion, there, heading, heading != at_path, lengths)

@@ -42,8 +42,12 @@ come to.
 _LEG_LENGTHS = Legs(1.0, math.sqrt(2.0), math.sqrt(5.0))
 """In cells."""
 _BACKWARD_LEG = 3
-_ARC = 4
-"""Kinds of primitives after the turns: an arc to the left, one to the right, and both backwards."""
+_LEFT_ARC = 4
+_RIGHT_ARC = 5
+_BACKWARDS_ON = 2
+"""Kinds of primitives after the turns; an arc backwards is so many on."""
+_INT = np.int32
+_FLOAT = np.float32
 
 
 class Move(NamedTuple):
@@ -54,7 +58,6 @@ class Move(NamedTuple):
     to: int
     motion: int
     there: bool
-    edge: int = -1
 
 
 class Curve(NamedTuple):
@@ -131,44 +134,48 @@ def primitives(vehicle: Vehicle, sides_m: Sides) -> tuple[Prices, float]:
     """
     geared = vehicle.gear_change_m > 0.0 and vehicle.reverse_cost is not None
     gears = (FORWARDS, BACKWARDS) if geared else (FORWARDS,)
-    found = dict[tuple[tuple[int, int], int], tuple[Move, tuple[float, float]]]()
-    for k, kind, move, cells, gear in _ways(vehicle, sides_m):
+    unit = min(sides_m)
+    found = dict[tuple[int, int], tuple[Move, tuple[float, float]]]()
+    ways = list(_ways(vehicle, sides_m))
+    kinds = sorted(
+        {(kind, before) for _, kind, _, _, gear in ways for before in (gears if gear else (0,))}
+    )
+    for k, kind, move, length, gear in ways:
+        cells = length * (vehicle.reverse_cost or 1.0) if gear < 0 else length
         for before in gears:
-            if gear is None:
-                after = before
-                column = kind, 0
-                fixed_m = vehicle.turn_m_per_rad * turn_rad(move.motion - TURNS, sides_m)
+            if gear:
+                onwards = gears[-1] if gear < 0 else FORWARDS
+                fixed_m = 0.0 if before == onwards else vehicle.gear_change_m
             else:
-                after = gears[gear]
-                column = kind, before
-                fixed_m = 0.0 if before == after else vehicle.gear_change_m
-            fare = cells, fixed_m / sides_m[0]
-            found[column, k + before] = move._replace(to=move.to + after), fare
-    columns = sorted({column for column, _ in found})
-    table = len(gears) * DIRECTION_COUNT, len(columns)
-    moves = np.full((*table, MOVE_COLUMNS), -1, np.int32)
-    fares = np.zeros((*table, FARE_COLUMNS), np.float32)
-    origins = np.full(table, -1, np.int32)
-    for (column, state), (move, fare) in found.items():
-        at = columns.index(column)
-        moves[state, at] = move
-        fares[state, at] = fare
-        origins[move.to, at] = state
-    rays = [_leg(k, k) for k in range(DIRECTION_COUNT)]
+                onwards = before
+                fixed_m = vehicle.turn_m_per_rad * turn_rad(move.motion - TURNS, sides_m)
+            at = kinds.index((kind, before if gear else 0))
+            fare = (cells, fixed_m / sides_m[0])
+            found[k + before, at] = move._replace(to=move.to + onwards), fare
+    states = len(gears) * DIRECTION_COUNT
+    count = len(kinds)
+    moves = np.full((states, count, MOVE_COLUMNS), -1, _INT)
+    fares = np.zeros((states, count, FARE_COLUMNS), _FLOAT)
+    origins = np.full((states, count), -1, _INT)
+    for (local, at), (move, fare) in found.items():
+        moves[local, at] = move
+        fares[local, at] = fare
+        origins[move.to, at] = local
+    legs = [_leg(k, k) for k in range(DIRECTION_COUNT)]
     lengths = list(map(math.hypot, LEG_ROWS, LEG_COLS))
     shortest = 1.0
     if vehicle.turning_radius_m is not None:
         for k in range(DIRECTION_COUNT):
             bend = curve(k, sides_m, vehicle.turning_radius_m)
-            cells = bend.length_m / min(sides_m)
-            rays.append(Move(bend.down, bend.right, k, ARCS + k, False))
-            rays.append(Move(-bend.down, -bend.right, k, ARCS + k, True))
+            cells = bend.length_m / unit
+            legs.append(Move(bend.down, bend.right, k, ARCS + k, False))
+            legs.append(Move(-bend.down, -bend.right, k, ARCS + k, True))
             lengths += [cells, cells]
             by_legs = left_over.py_func(abs(bend.down), abs(bend.right), _LEG_LENGTHS)
             shortest = min(shortest, cells / by_legs)
-    ray_fares = np.array(lengths, np.float32)
+    ray_fares = np.array(lengths, _FLOAT)
     turns = between(turns_m(vehicle, sides_m) / sides_m[0])
-    ways = np.array(rays, np.int32), ray_fares
+    ways = np.array(legs, _INT), ray_fares
     return Prices(np.float32(0.0), moves, fares, origins, *ways, turns), shortest
 
 
@@ -187,37 +194,39 @@ def between(turns: Floats) -> Float32s:
     return found
 
 
-def _ways(vehicle: Vehicle, sides_m: Sides) -> Iterator[tuple[int, int, Move, float, int | None]]:
-    """Direction, kind, primitive, its cells, and gear: 0 forwards, -1 backwards, None on the
-    spot.
-    """
+def _ways(vehicle: Vehicle, sides_m: Sides) -> Iterator[tuple[int, int, Move, float, int]]:
+    """Direction, kind, primitive, its cells, and gear (0 on the spot)."""
+    gears = (1,) if vehicle.reverse_cost is None else (1, -1)
     for k in range(DIRECTION_COUNT):
         before = (k - 1) % DIRECTION_COUNT
         after = (k + 1) % DIRECTION_COUNT
-        gears = [(0, k, 1.0)]
-        if vehicle.reverse_cost is not None:
-            gears.append((-1, (k + AXIS_COUNT) % DIRECTION_COUNT, vehicle.reverse_cost))
-        for gear, ahead, factor in gears:
-            cells = math.hypot(LEG_ROWS[k], LEG_COLS[k])
-            yield k, _BACKWARD_LEG if gear else LEG, _leg(ahead, k), cells * factor, gear
-            if vehicle.turning_radius_m is None:
-                continue
-            # from its beginning to the left, and from its end, the other way round, to the right
-            other = (ahead - 1 + AXIS_COUNT) % DIRECTION_COUNT
-            for arc, to, there in ((ahead, after, False), (other, before, True)):
-                bend = curve(arc, sides_m, vehicle.turning_radius_m)
-                sign = -1 if there else 1
-                move = Move(sign * bend.down, sign * bend.right, to, ARCS + arc, there)
-                cells = bend.length_m / min(sides_m)
-                yield k, _ARC + there - 2 * gear, move, cells * factor, gear
+        for gear in gears if vehicle.turning_radius_m is not None else (1,):
+            way = k if gear > 0 else (k + AXIS_COUNT) % DIRECTION_COUNT
+            kind = LEG if gear > 0 else _BACKWARD_LEG
+            yield k, kind, _leg(way, k), math.hypot(LEG_ROWS[k], LEG_COLS[k]), gear
         if vehicle.can_turn_on_spot:
             left_turn = Move(0, 0, after, TURNS + k % AXIS_COUNT, False)
             right_turn = Move(0, 0, before, TURNS + before % AXIS_COUNT, False)
-            yield k, LEFT_TURN, left_turn, 0.0, None
-            yield k, LEFT_TURN + 1, right_turn, 0.0, None
+            yield k, LEFT_TURN, left_turn, 0.0, 0
+            yield k, LEFT_TURN + 1, right_turn, 0.0, 0
+        if (radius := vehicle.turning_radius_m) is None:
+            continue
+        for gear in gears:
+            # from its beginning to the left, and from its end, the other way round, to the right
+            ahead = k if gear > 0 else (k + AXIS_COUNT) % DIRECTION_COUNT
+            left = ahead
+            right = (ahead - 1 + AXIS_COUNT) % DIRECTION_COUNT
+            arcs = ((left, 1, False, _LEFT_ARC), (right, -1, True, _RIGHT_ARC))
+            for arc, to, there, kind in arcs:
+                bend = curve(arc, sides_m, radius)
+                sign = -1 if there else 1
+                after = (k + to) % DIRECTION_COUNT
+                move = Move(sign * bend.down, sign * bend.right, after, ARCS + arc, there)
+                kind = kind if gear > 0 else kind + _BACKWARDS_ON
+                yield k, kind, move, bend.length_m / min(sides_m), gear
 
 
 def _leg(way: int, direction: int) -> Move:
     """The leg that leads a way, of a body that stands in this direction."""
     there = way >= AXIS_COUNT
-    return Move(LEG_ROWS[way], LEG_COLS[way], direction, direction % AXIS_COUNT, there, way)
+    return Move(LEG_ROWS[way], LEG_COLS[way], direction, direction % AXIS_COUNT, there)

@@ -101,9 +101,8 @@ class BodyPrice(Price):
         self.poses = poses
 
     def bounds(self, grid: "Grid", shortest: float) -> tuple[float, float, float]:
-        greatest = max(math.hypot(*axis) for axis in motions.AXIS_LEGS)
-        least = super().bounds(grid, shortest)[:2]
-        return *least, greatest * (1.0 + 2.0 * grid.model.scale)
+        straight, diagonal, _ = super().bounds(grid, shortest)
+        return straight, diagonal, math.sqrt(5.0) * (1.0 + 2.0 * grid.model.scale)
 
     def walk(self, grid: "Grid", path: Cells, first: int, costs: Floats) -> int:
         blocked = self.poses.walk(path, first, costs)
@@ -223,13 +222,8 @@ class BodyMoves(CellMoves):
         reached = grid.inner(memory.reached(deadline))
         return reached, bool(memory.states > 1 and begun)
 
-    def may_open(self, grid: "Grid", query: Query, memory: Workspace, part: Rectangle) -> bool:
-        return may_open(grid, query, memory, part)
-
-    def costs_of_cells(
-        self, grid: "Grid", start: Cell, memory: Workspace, deadline: Deadline
-    ) -> Float32s:
-        return costs_of_cells(grid, start, memory, deadline)
+    may_open = staticmethod(may_open)
+    costs_of_cells = staticmethod(costs_of_cells)
 
     def why_ended(
         self, grid: "Grid", start: Cell, goal: Cell, memory: Workspace, deadline: Deadline

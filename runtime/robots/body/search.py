@@ -145,17 +145,18 @@ class FromGoal:
         return self.expansions - before
 
     def shut_in(self, workspace: Workspace) -> tuple[Workspace | None, int]:
-        """Memory of a search that came to all, few states, that can be reached from one end; and
-        the expansions. To a goal with a heading it goes on to the last metres.
+        """Memory of a search that came to all, few states, to which arcs lead from one end; and the
+        expansions. To a goal with a heading it goes on to the last metres.
         """
         spent = 0
-        if not self.expansions:
+        few = AT_ENDS if self._grid.robot.moves.columns == 3 else 0
+        if few and not self.expansions:
             flood = spreading(self._grid, workspace, *_at_ends(self.query, workspace.states))
             ends = Ends(self._ends.goal, self._ends.start)
-            code, _, spent, _ = run(*flood, ends, workspace, AT_ENDS, self.query.deadline)
+            code, _, spent, _ = run(*flood, ends, workspace, few, self.query.deadline)
             if code == EXHAUSTED:
                 return workspace, spent
-        spent += self.go_on(AT_ENDS if self.query.wanted is None else AROUND_GOAL)
+        spent += self.go_on(few if self.query.wanted is None else AROUND_GOAL)
         return self.memory if self.code == EXHAUSTED else None, spent
 
     @cached_property
@@ -170,11 +171,10 @@ class FromGoal:
         reach = int(memory.least_open / grid.prices[0])
         reach += 2 * int(np.abs(moves[..., [DOWN, RIGHT]]).max())
         nodes = grid.nodes(widened((*self.query.goal, 1, 1), (reach, reach), grid.shape)).ravel()
-        words = memory.meta[1::2].reshape(-1, memory.states)
-        nodes = nodes[(words[nodes] >> STAMP_SHIFT == memory.stamp).any(1)]
+        nodes = nodes[np.isfinite(memory.costs(nodes))]
         if self._ends.goal in nodes:
             return None
-        words = words[nodes]
+        words = memory.meta[1::2].reshape(-1, memory.states)[nodes]
         came = words >> STAMP_SHIFT == memory.stamp
         waits = words & OPEN_BIT > 0
         g = memory.g[::2].reshape(-1, memory.states)[nodes]
@@ -210,44 +210,47 @@ def search_states(
     added to the region. In a region no path costs less than the octile distance, which is all that
     is known of those that lead out of it.
     """
-    robot = grid.robot
-    deadline = query.deadline
-    columns = robot.moves.columns
     starting, at_goal = _at_ends(query, workspace.states)
     stays = starting & at_goal
     if query.start == query.goal and stays.any():
         place = (*query.start, int(stays.argmax()))
-        return Search(Status.OK, np.array([place[:columns]], np.int32), 0)
+        return Search(Status.OK, np.array([place[: grid.robot.moves.columns]], np.int32), 0)
     ends = Ends(grid.node(*query.start), grid.node(*query.goal))
     most = limit or WITHOUT_END
     until = most
     spent = 0
     if from_goal is not None:
         until = LATE_ON_MAP if region is None else LATE_IN_REGION
-        exhausted, spent = from_goal.shut_in(workspace)
-        if exhausted is not None:
-            nothing = Search.without_path(Status.NO_PATH, spent, columns=columns)
-            return nothing._replace(exhausted=exhausted)
+        shut_in, spent = from_goal.shut_in(workspace)
+        if shut_in is not None:
+            return _no_path(grid, spent, math.inf, shut_in)
     # fill the field, from the goal to the start
-    refused_at_least = math.inf if region is None else octile_cost(grid, query)
-    assert workspace.field is not None
-    code, filling, field = _guide(grid, query, workspace.field, region, from_goal, most)
+    at_least = math.inf
+    if region is not None:
+        at_least = float(octile.py_func(*query.start, *query.goal, *grid.prices))
+    memory = workspace.field
+    code, filling, field = _guide(grid, query, memory, region, from_goal, most)
     spent += filling
     if code != FOUND:
-        status = Status.NO_PATH if code == EXHAUSTED else Status.TIMEOUT
-        nothing = Search.without_path(status, spent, refused_at_least, columns)
-        return nothing._replace(exhausted=workspace.field if code == EXHAUSTED else None)
+        nothing = _no_path(grid, spent, at_least, memory)
+        late = nothing._replace(status=Status.TIMEOUT, exhausted=None)
+        return nothing if code == EXHAUSTED else late
     # search the states by it, from the start to the goal
     promised = field.floor
     search = spreading(grid, workspace, starting, at_goal, allowed(region), field)
     onwards = ends
     expansions = 0
-    exhausted = workspace
     while True:
-        found = run(*search, onwards, workspace, until - expansions, deadline)
+        found = run(*search, onwards, workspace, until - expansions, query.deadline)
         code, length, expansions, refused = found
-        if code != PAUSED or expansions >= most or deadline.passed:
-            break
+        if code == EXHAUSTED:
+            beyond = math.inf if refused == math.inf else at_least
+            return _no_path(grid, spent + expansions, beyond, workspace)
+        if code == FOUND or expansions >= most or query.deadline.passed:
+            path = _traced(grid, workspace, code, length)
+            return path._replace(
+                expansions=spent + expansions, refused_f=at_least, promised=promised
+            )
         # it takes long: the search from the goal goes on, too, for the last metres at first
         assert from_goal is not None
         onwards = ends._replace(start=ON)
@@ -255,39 +258,37 @@ def search_states(
         first = from_goal.expansions < AROUND_GOAL
         spent += from_goal.go_on(max(AROUND_GOAL, int(CHECKED_SHARE * expansions)))
         if from_goal.code == EXHAUSTED:
-            code = EXHAUSTED
-            exhausted = from_goal.memory
-            refused = math.inf
-            break
+            return _no_path(grid, spent + expansions, math.inf, from_goal.memory)
         if first and from_goal.last_metres is not None:
             memory = from_goal.memory.field
-            assert memory is not None
-            filled_as, filling, field = _guide(grid, query, memory, region, from_goal, most)
+            code, filling, field = _guide(grid, query, memory, region, from_goal, most)
             spent += filling
-            if filled_as == EXHAUSTED:
-                code = EXHAUSTED
-                exhausted = memory
-                refused = refused_at_least
-                break
-            if filled_as == FOUND and field.floor > RISEN * promised:
+            if code == EXHAUSTED:
+                return _no_path(grid, spent + expansions, at_least, memory)
+            if code == FOUND and field.floor > RISEN * promised:
                 search = spreading(grid, workspace, starting, at_goal, allowed(region), field)
                 onwards = ends
                 spent += expansions
                 expansions = 0
-    end = int(workspace.counts[BEST_NODE])
-    prices = tuple(robot.states().prices)
+
+
+def _no_path(grid: "Grid", spent: int, refused: float, exhausted: Workspace | None) -> Search:
+    """There is none, as all places that are left are in this memory."""
+    nothing = Search.without_path(Status.NO_PATH, spent, refused, grid.robot.moves.columns)
+    return nothing._replace(exhausted=exhausted)
+
+
+def _traced(grid: "Grid", workspace: Workspace, code: int, length: int) -> Search:
+    """The path that the search of the states came to."""
+    prices = tuple(grid.robot.states().prices)
     trace = partial(trace_states, prices=prices, frame=_frame(grid, workspace))
-    result = traced(trace, workspace, code, end, length, expansions + spent, refused)
-    path = result.path
-    if columns == 2:  # cells alone, of those that it turns on one
+    end = int(workspace.counts[BEST_NODE])
+    found = traced(trace, workspace, code, end, length, 0, math.inf)
+    path = found.path
+    if grid.robot.moves.columns == 2:  # cells alone, of those that it turns on one
         moved = np.any(np.diff(path[:, :2], axis=0, prepend=-1), axis=1)
         path = np.ascontiguousarray(path[moved, :2])
-    return result._replace(
-        path=path,
-        refused_f=math.inf if code == EXHAUSTED and refused == math.inf else refused_at_least,
-        promised=promised,
-        exhausted=exhausted if code == EXHAUSTED else None,
-    )
+    return found._replace(path=path)
 
 
 def _at_ends(query: Query, count: int) -> tuple[Bool, Bool]:
@@ -309,7 +310,7 @@ def _turned_round(states: Bool) -> Bool:
 def _guide(
     grid: "Grid",
     query: Query,
-    memory: Workspace,
+    memory: Workspace | None,
     region: Region | None,
     from_goal: FromGoal | None,
     most: int,
@@ -317,7 +318,8 @@ def _guide(
     """The field that guides a search: what filling it comes to, the expansions, and the field. It
     begins with the last metres, where these are known.
     """
-    seeds = _goal_alone(grid, query)
+    assert memory is not None
+    seeds = None
     within = None
     if from_goal is not None and from_goal.expansions >= AROUND_GOAL and from_goal.last_metres:
         seeds, within = from_goal.last_metres
@@ -337,25 +339,22 @@ def _guide(
     return code, spent, Field(memory.g, memory.meta, memory.stamp, *place, promised, turns)
 
 
-def _goal_alone(grid: "Grid", query: Query) -> Seeds:
-    """A field begins at the goal."""
-    node, onwards = np.array([[grid.node(*query.goal)], [0]], np.int32)
-    return Seeds(node, np.zeros(1, np.float32), onwards)
-
-
 def _filled(
     grid: "Grid",
     query: Query,
     field: Workspace,
     region: Region | None,
-    seeds: Seeds,
+    seeds: Seeds | None = None,
     most: int = WITHOUT_END,
     *,
     anew: bool = True,
 ) -> tuple[int, int]:
-    """What filling the field of a region comes to: the code, and the expansions. Unless `anew` the
-    field holds what it held.
+    """What filling the field of a region, from these seeds or the goal, comes to: the code, and the
+    expansions. Unless `anew` the field holds what it held.
     """
+    goal = grid.node(*query.goal)
+    if seeds is None:
+        seeds = Seeds(np.array([goal], np.int32), np.zeros(1, np.float32), np.zeros(1, np.int32))
     states = grid.robot.states()
     prices = states.prices
     if region is not None:  # legs alone count
@@ -365,7 +364,7 @@ def _filled(
         field.grow()
     rule = FieldRule(tuple(_best(grid)), bucket_width(grid), _turns_in_field(grid, query, region))
     before = (states.poses, states.edges, tuple(prices), allowed(region), tuple(seeds))
-    ends = Ends(grid.node(*query.goal), grid.node(*query.start))
+    ends = Ends(goal, grid.node(*query.start))
     code, spent, _ = run(fill_field, before, rule, ends, field, most, query.deadline, anew=anew)
     return code, spent
 
@@ -399,13 +398,9 @@ def costs_of_cells(grid: "Grid", start: Cell, memory: Workspace, deadline: Deadl
     field = memory.field
     assert field is not None
     everywhere = Query(grid.cell(NOWHERE), start, deadline=deadline)
-    _filled(grid, everywhere, field, None, _goal_alone(grid, everywhere))
+    _filled(grid, everywhere, field, None)
     deadline.check()
     return grid.inner(field.costs())
-
-
-def octile_cost(grid: "Grid", query: Query) -> float:
-    return float(octile.py_func(*query.start, *query.goal, *grid.prices))
 
 
 def _frame(grid: "Grid", workspace: Workspace) -> Packed:
