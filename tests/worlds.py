@@ -98,6 +98,11 @@ class World:
         self.dem[part] = kinds[self.rng.integers(4)]
         return "update_elevation", (row, col, here.copy())
 
+    @property
+    def symmetric(self):
+        """Whether paths cost the same both ways."""
+        return self.model is None and not (self.vehicle and self.vehicle.turning_radius_m)
+
     def cells(self, count):
         """So many cells, passable if there are any."""
         found = np.argwhere(self.passable) if self.passable.any() else np.zeros((1, 2), int)
@@ -161,7 +166,7 @@ class BodyWorld(World):
         if any_motions:
             dem = np.zeros(shape, np.float32)
         else:
-            dem = pose_oracles.rocks(self.seed % 97, 30, 32, 0.01)
+            dem = pose_oracles.rocks(self.seed % 97, 40, 42, 0.01)
             sides = (0.25, 0.25)
         layers = dem, np.zeros(dem.shape, np.float32)
         super().__init__(rng, layers, sides, step_cost=step_cost, vehicle=vehicle)
