@@ -67,9 +67,12 @@ class World:
             cost = traversability_cost(self.dem, self.sides[0], self.limits, **width)
             cost = np.maximum(cost, self.told)
         self.passable = np.isfinite(cost) & ((cost < 1.0) | (self.step_cost == "length"))
-        if self.vehicle is not None:
-            self.passable &= np.isfinite(self.planner().state.grid.map())
         self.cost = np.where(self.passable, cost, np.float32(np.inf))
+        if self.vehicle is not None:  # as of costs, where its distances are tested
+            sides = {"cell_size_m": self.sides[0], "cell_width_m": self.sides[1]}
+            ground = Ground(self.cost, vehicle=self.vehicle, **sides)
+            self.cost = Planner(ground, omega=1.0 / 255.0).state.grid.map()
+            self.passable = np.isfinite(self.cost)
 
     def patch(self):
         """Change a part of the map, which is then to be `read`; the name and the arguments of the
@@ -99,6 +102,11 @@ class World:
         return "update_elevation", (row, col, here.copy())
 
     @property
+    def rule(self):
+        """What steps of costs cost, as oracles take it."""
+        return self.step_cost, self.corner_cutting, self.omega
+
+    @property
     def symmetric(self):
         """Whether paths cost the same both ways."""
         return self.model is None and not (self.vehicle and self.vehicle.turning_radius_m)
@@ -112,8 +120,7 @@ class World:
         """(H, W) cost of the cheapest path from a cell to each."""
         if self.model is not None:
             return directed_cases.dijkstra(self, self.model, start)
-        steps = self.step_cost, self.corner_cutting, self.omega
-        return oracles.dijkstra(self.cost, start, *steps)
+        return oracles.dijkstra(self.cost, start, *self.rule)
 
     def headings(self):
         """Of a query by their numbers; a body on arcs alone has any."""

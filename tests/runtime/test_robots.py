@@ -60,11 +60,16 @@ def test_every_method_finds_dijkstras_cost_and_no_bound_is_above_it(name, worlds
             headings = world.headings()
             optimum = world.optimum(start, goal, *headings)
             begin, end = map(world.heading, headings)
-            options = {"start_heading_deg": begin, "goal_heading_deg": end}
+            options = {"start_heading_deg": begin, "goal_heading_deg": end, "keep_regions": True}
             for method, epsilon in itertools.product(Method, (math.inf, 0.02, 0.0)):
                 plan = planner.plan(start, goal, method=method, epsilon=epsilon, **options)
                 world.judge(plan, optimum, 0.0 if plan.method == "astar" else epsilon)
                 found += plan.ok
+                if name in ("costs", "lengths") and plan.ok and plan.region is not None:
+                    region = plan.region.mask()
+                    out = oracles.bound_by_region(world.cost, region, start, goal, *world.rule)
+                    bound = min(plan.cost, out)
+                    assert plan.lower_bound == pytest.approx(bound, rel=1e-5, abs=1e-6)
         if world.passable[start]:
             costs = world.costs_from(start)
             finite = costs[np.isfinite(costs)]
