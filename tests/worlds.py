@@ -196,6 +196,11 @@ class BodyWorld(World):
         self.motions = bodies.priced(made, self.omega)
         if self.model is not None:
             self.by_slope(self.motions, self.dem.astype(float))
+        self.graph = self.made_graph()
+
+    def made_graph(self):
+        """The ways between its states."""
+        return pose_oracles.graph_of_states(self.motions)
 
     def by_slope(self, motions, heights):
         """Price motions that pass by the slope, but for what the height between the ends is
@@ -218,7 +223,8 @@ class BodyWorld(World):
 
     def costs_from(self, start):
         """As of every world."""
-        return pose_oracles.costs_to_cells(self.motions, start) + self.worth(start, ...)
+        found = pose_oracles.costs_to_cells(self.motions, start, self.graph)
+        return found + self.worth(start, ...)
 
     def path_cost(self, path):
         """As of every world."""
@@ -249,8 +255,12 @@ class ArcWorld(BodyWorld):
         gears = (1, -1) if begin is None and self.vehicle.gear_change_m else (1,)
         begins = itertools.product(range(16) if begin is None else (begin,), gears)
         starts = [(*start, *each) for each in begins]
+        return oracles.costs_from(self.graph, (*self.dem.shape, 16, 3), *starts)
+
+    def made_graph(self):
+        """As of every body."""
         scale = 255.0 * self.omega
-        return pose_oracles.costs_to_arcs(self.codes, self.vehicle, self.sides, scale, starts)
+        return pose_oracles.graph_of_arcs(self.codes, self.vehicle, self.sides, scale)
 
     def path_cost(self, path):
         """By the searches' own sum: how its pieces lie is tested with arcs."""
