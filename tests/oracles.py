@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 from scipy.ndimage import label, map_coordinates
-from scipy.sparse import coo_array
+from scipy.sparse import coo_array, issparse
 from scipy.sparse.csgraph import dijkstra as scipy_dijkstra
 
 
@@ -80,12 +80,17 @@ def possible(ways):
     return one[made], other[made], cost[made]
 
 
+def graph_of(all_steps, shape):
+    """What `costs_from` goes by, made once for several starts."""
+    i, j, v = all_steps
+    return coo_array((np.maximum(v, 1e-300), (i, j)), shape=(math.prod(shape),) * 2).tocsr()
+
+
 def costs_from(all_steps, shape, *starts):
     """Cost of the cheapest path from one of some places to each of an array of this shape, by
-    scipy; inf where there is none.
+    scipy; inf where there is none. The steps are arrays or a graph of them.
     """
-    i, j, v = all_steps
-    graph = coo_array((np.maximum(v, 1e-300), (i, j)), shape=(math.prod(shape),) * 2).tocsr()
+    graph = all_steps if issparse(all_steps) else graph_of(all_steps, shape)
     nodes = np.ravel_multi_index(np.transpose(starts), shape, mode="wrap")
     return scipy_dijkstra(graph, indices=nodes, min_only=True).reshape(shape)
 

@@ -78,23 +78,23 @@ def between(shape, step):
     return tuple(zip(*ends, strict=True))
 
 
-def costs_to_states(motions, starts):
-    """(H, W, 16) cost of the cheapest way from one of some states (row, col, direction) to every
-    one, by Dijkstra.
-    """
+def graph_of_states(motions):
+    """The ways between states (H, W, 16) of cells and directions, for `oracles.costs_from`."""
     states = np.arange(motions.legs.size).reshape(motions.legs.shape)
     turns = np.tile(motions.turns, 2)
     onward = states + 16 * (DIRECTIONS @ np.array((states.shape[1], 1)))
     turned = np.roll(states, -1, axis=2)
     ways = (states, onward, motions.legs), (states, turned, turns), (turned, states, turns)
-    return oracles.costs_from(oracles.possible(ways), states.shape, *starts)
+    return oracles.graph_of(oracles.possible(ways), states.shape)
 
 
-def costs_to_cells(motions, start):
+def costs_to_cells(motions, start, graph=None):
     """(H, W) cost of the cheapest way from a cell to every other, whatever the directions
-    at both.
+    at both; the graph of the motions is made unless it is given.
     """
-    return costs_to_states(motions, [(*start, k) for k in range(16)]).min(2)
+    graph = graph_of_states(motions) if graph is None else graph
+    starts = [(*start, k) for k in range(16)]
+    return oracles.costs_from(graph, motions.legs.shape, *starts).min(2)
 
 
 def path_cost(motions, path):
@@ -172,9 +172,9 @@ def ways_from(k, vehicle, sides):
             yield 0, 0, (k + side) % 16, 0, 8 + first % 8, False, 0.0, metres
 
 
-def costs_to_arcs(codes, vehicle, sides, scale, starts):
-    """(H, W, 16, 3) cost of the cheapest way from one of some states to each; a state's last index
-    is the gear it was come to in.
+def graph_of_arcs(codes, vehicle, sides, scale):
+    """The ways between states (H, W, 16, 3), of which the last index is the gear that one was come
+    to in, as a graph for `oracles.costs_from`.
     """
     shape = (*codes.shape[:2], 16, 3)
     states = np.arange(math.prod(shape)).reshape(shape)
@@ -192,7 +192,7 @@ def costs_to_arcs(codes, vehicle, sides, scale, starts):
                 change = vehicle.gear_change_m / sides[0] if after != before else 0.0
                 one, other = states[(*ends[0], k, before)], states[(*ends[1], to, after)]
                 found.append((one, other, price + change))
-    return oracles.costs_from(oracles.possible(found), shape, *starts)
+    return oracles.graph_of(oracles.possible(found), shape)
 
 
 # --- poses

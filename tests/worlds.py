@@ -67,9 +67,12 @@ class World:
             cost = traversability_cost(self.dem, self.sides[0], self.limits, **width)
             cost = np.maximum(cost, self.told)
         self.passable = np.isfinite(cost) & ((cost < 1.0) | (self.step_cost == "length"))
-        if self.vehicle is not None:
-            self.passable &= np.isfinite(self.planner().state.grid.map())
         self.cost = np.where(self.passable, cost, np.float32(np.inf))
+        if self.vehicle is not None:  # as of costs, where its distances are tested
+            sides = {"cell_size_m": self.sides[0], "cell_width_m": self.sides[1]}
+            ground = Ground(self.cost, vehicle=self.vehicle, **sides)
+            self.cost = Planner(ground, omega=1.0 / 255.0).state.grid.map()
+            self.passable = np.isfinite(self.cost)
 
     def patch(self):
         """Change a part of the map, which is then to be `read`; the name and the arguments of the
@@ -98,6 +101,16 @@ class World:
         self.dem[part] = kinds[self.rng.integers(4)]
         return "update_elevation", (row, col, here.copy())
 
+    @property
+    def rule(self):
+        """What steps of costs cost, as oracles take it."""
+        return self.step_cost, self.corner_cutting, self.omega
+
+    @property
+    def symmetric(self):
+        """Whether paths cost the same both ways."""
+        return self.model is None and not (self.vehicle and self.vehicle.turning_radius_m)
+
     def cells(self, count):
         """So many cells, passable if there are any."""
         found = np.argwhere(self.passable) if self.passable.any() else np.zeros((1, 2), int)
@@ -107,8 +120,7 @@ class World:
         """(H, W) cost of the cheapest path from a cell to each."""
         if self.model is not None:
             return directed_cases.dijkstra(self, self.model, start)
-        steps = self.step_cost, self.corner_cutting, self.omega
-        return oracles.dijkstra(self.cost, start, *steps)
+        return oracles.dijkstra(self.cost, start, *self.rule)
 
     def headings(self):
         """Of a query by their numbers; a body on arcs alone has any."""
@@ -161,7 +173,7 @@ class BodyWorld(World):
         if any_motions:
             dem = np.zeros(shape, np.float32)
         else:
-            dem = pose_oracles.rocks(self.seed % 97, 30, 32, 0.01)
+            dem = pose_oracles.rocks(self.seed % 97, 40, 42, 0.01)
             sides = (0.25, 0.25)
         layers = dem, np.zeros(dem.shape, np.float32)
         super().__init__(rng, layers, sides, step_cost=step_cost, vehicle=vehicle)
@@ -184,6 +196,11 @@ class BodyWorld(World):
         self.motions = bodies.priced(made, self.omega)
         if self.model is not None:
             self.by_slope(self.motions, self.dem.astype(float))
+        self.graph = self.made_graph()
+
+    def made_graph(self):
+        """The ways between its states."""
+        return pose_oracles.graph_of_states(self.motions)
 
     def by_slope(self, motions, heights):
         """Price motions that pass by the slope, but for what the height between the ends is
@@ -206,7 +223,8 @@ class BodyWorld(World):
 
     def costs_from(self, start):
         """As of every world."""
-        return pose_oracles.costs_to_cells(self.motions, start) + self.worth(start, ...)
+        found = pose_oracles.costs_to_cells(self.motions, start, self.graph)
+        return found + self.worth(start, ...)
 
     def path_cost(self, path):
         """As of every world."""
@@ -237,8 +255,12 @@ class ArcWorld(BodyWorld):
         gears = (1, -1) if begin is None and self.vehicle.gear_change_m else (1,)
         begins = itertools.product(range(16) if begin is None else (begin,), gears)
         starts = [(*start, *each) for each in begins]
+        return oracles.costs_from(self.graph, (*self.dem.shape, 16, 3), *starts)
+
+    def made_graph(self):
+        """As of every body."""
         scale = 255.0 * self.omega
-        return pose_oracles.costs_to_arcs(self.codes, self.vehicle, self.sides, scale, starts)
+        return pose_oracles.graph_of_arcs(self.codes, self.vehicle, self.sides, scale)
 
     def path_cost(self, path):
         """By the searches' own sum: how its pieces lie is tested with arcs."""

@@ -240,38 +240,34 @@ def test_where_a_standing_path_crosses_itself_the_heading_says_how_far_the_robot
 
 
 def test_the_way_between_the_same_cells_depends_on_the_headings():
-    made = planner(np.zeros((60, 60)))
-    straight = made.plan((30, 10), (30, 50), start_heading_deg=90.0)
-    around = made.plan((30, 10), (30, 50), start_heading_deg=270.0, goal_heading_deg=270.0)
+    made = planner(np.zeros((80, 100)))
+    ends = (40, 30), (40, 70)
+    straight = made.plan(*ends, start_heading_deg=90.0)
+    around = made.plan(*ends, start_heading_deg=270.0, goal_heading_deg=270.0)
     assert straight.cost == pytest.approx(40.0, rel=1e-6) and len(straight.arcs) == 1
-    assert around.cost > 40.0 + 2.0 * math.pi * 1.1 / CELL_M * 0.9
-    spot = made.plan((30, 10), (30, 10), start_heading_deg=90.0, goal_heading_deg=270.0)
-    assert (
-        spot.ok
-        and spot.cost > 10.0
-        and spot.poses[-1] == pytest.approx((2.5, 7.5, 270.0), abs=1e-6)
-    )
+    assert around.ok and around.cost > 40.0 + 2.0 * math.pi * 1.1 / CELL_M * 0.9
+    rest = around.rest(3)
+    assert rest.path.tolist() == around.path[3:].tolist()
+    place = (*(around.path[3, ::-1] * CELL_M), around.headings_deg[3])
+    assert rest.poses[0] == pytest.approx(place, abs=1e-6)
+    spot = made.plan(ends[0], ends[0], start_heading_deg=90.0, goal_heading_deg=270.0)
+    assert spot.ok and spot.cost > 10.0
+    assert spot.poses[-1] == pytest.approx((7.5, 10.0, 270.0), abs=1e-6)
 
 
-@pytest.mark.parametrize("vehicle", CARS)
+@pytest.mark.parametrize("vehicle", CARS[:3])
 @pytest.mark.parametrize("best_order", [False, True])
 def test_a_tour_of_arcs_is_driven_on_through_its_stops(vehicle, best_order):
     made = planner(np.zeros((60, 60), np.float32), vehicle)
     via = [(40, 20), (40, 20), (15, 40)]
     tour = made.plan_via((10, 10), (50, 50), via, best_order=best_order, method="astar")
-    plan, poses = tour.plan, tour.plan.poses
-    assert plan.ok and plan.cost == pytest.approx(sum(leg.cost for leg in tour.legs), rel=1e-5)
-    assert {(10, 10), (50, 50), *via} <= set(map(tuple, plan.path.tolist()))
-    assert plan.along.distance_m[-1] == pytest.approx(
-        sum(leg.along.distance_m[-1] for leg in tour.legs), rel=1e-3
-    )
+    metres = sum(leg.along.distance_m[-1] for leg in tour.legs)
+    assert tour.plan.along.distance_m[-1] == pytest.approx(metres, rel=1e-3)
+    poses = tour.plan.poses
     apart = np.hypot(*np.diff(poses[:, :2], axis=0).T)
     turned = np.abs((np.diff(poses[:, 2]) + 180.0) % 360.0 - 180.0)
-    if not vehicle.turns_on_spot:
-        assert (
-            apart.max() <= 0.26
-            and (np.radians(turned) <= apart / vehicle.turning_radius_m + 1e-6).all()
-        )
+    assert apart.max() <= 0.26
+    assert (np.radians(turned) <= apart / vehicle.turning_radius_m + 1e-6).all()
 
 
 def test_a_robot_on_a_goal_that_has_become_impassable_does_not_stand_well():

@@ -10,7 +10,6 @@ from nnpp_edge.runtime import (
     LinearCost,
     Mobility,
     Planner,
-    ToblerCost,
     Traversability,
     Vehicle,
 )
@@ -117,19 +116,6 @@ def test_bounds_reckon_with_the_height_between_the_ends():
 
 
 # --- with a vehicle
-
-
-def test_a_disc_keeps_its_distance_and_pays_by_the_slope():
-    dem = ramp(40, 60, 0.1)
-    dem[:18, 30] = np.nan
-    planner = Planner.of_elevation(
-        dem, 1.0, vehicle=Vehicle(radius_m=2.0), step_cost="tobler", warn=False
-    )
-    plan = planner.plan((8, 10), (8, 50), method="astar")
-    assert plan.ok and np.abs(plan.path - (17, 30)).max(1).min() >= 2 and plan.cost > 40.0
-    planner.update_elevation(0, 29, ramp(40, 60, 0.1)[:18, 29:32])
-    straight = float(ToblerCost().cost(40.0, 4.0))
-    assert planner.plan((8, 10), (8, 50), method="astar").cost == pytest.approx(straight, rel=1e-5)
 
 
 # --- what can be reached, and tours

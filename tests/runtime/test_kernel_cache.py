@@ -35,6 +35,14 @@ def folder(tmp_path, monkeypatch):
     return folder
 
 
+@pytest.fixture
+def made_folder(folder):
+    """The same, which is there already."""
+    folder.mkdir(mode=0o700, parents=True)
+    folder.parent.chmod(0o700)
+    return folder
+
+
 def compilations(function, *arguments):
     """Call a fresh kernel of `function`, as another process would; its answer and how often it was
     compiled.
@@ -92,7 +100,7 @@ def test_a_process_killed_while_saving_leaves_nothing_in_the_way(folder):
 
 
 @pytest.mark.parametrize("killed", [False, True])
-def test_a_version_is_compiled_by_one_of_those_that_fill_a_folder(folder, tmp_path, killed):
+def test_a_version_is_compiled_by_one_of_those_that_fill_a_folder(made_folder, tmp_path, killed):
     def fill(name, before_it_is_kept):
         def save(self, sig, data, save=cache.KernelCache.save_overload):
             (tmp_path / name).touch()
@@ -100,12 +108,10 @@ def test_a_version_is_compiled_by_one_of_those_that_fill_a_folder(folder, tmp_pa
             save(self, sig, data)
 
         cache.KernelCache.save_overload = save
-        with claims.shared(folder):
+        with claims.shared(made_folder):
             assert compilations(double, 21)[0] == 42
 
     ends = (lambda: os.kill(os.getpid(), signal.SIGKILL)) if killed else (lambda: time.sleep(0.5))
-    folder.mkdir(mode=0o700, parents=True)
-    folder.parent.chmod(0o700)
     first = forked(lambda: fill("first", ends))
     while not (tmp_path / "first").exists():
         time.sleep(0.01)
@@ -295,9 +301,7 @@ def test_a_folder_is_ours_alone(folder):
     assert len(kept(folder)) == 1
 
 
-def test_a_warm_up_that_cannot_keep_what_it_compiled_fails(folder, monkeypatch):
-    folder.mkdir(mode=0o700, parents=True)
-    folder.parent.chmod(0o700)
+def test_a_warm_up_that_cannot_keep_what_it_compiled_fails(made_folder, monkeypatch):
     monkeypatch.setattr(warmup, "exercise", lambda: compilations(double, 1))
     told = [warmup.warm_up(keep_old=True, jobs=1) for _ in range(2)]
     assert [(warmth.kernels, warmth.signatures, warmth.compiled) for warmth in told] == [
@@ -315,9 +319,7 @@ def test_a_warm_up_that_cannot_keep_what_it_compiled_fails(folder, monkeypatch):
 @pytest.mark.parametrize(
     "python", ["/bin/false", "/bin/true", None], ids=["fails", "does nothing", "has other kernels"]
 )
-def test_a_warm_up_needs_no_help(folder, monkeypatch, python):
-    folder.mkdir(mode=0o700, parents=True)
-    folder.parent.chmod(0o700)
+def test_a_warm_up_needs_no_help(made_folder, monkeypatch, python):
     monkeypatch.setattr(warmup, "exercise", lambda: compilations(double, 1))
     monkeypatch.setattr(sys, "executable", python or sys.executable)
     assert warmup.warm_up(keep_old=True, jobs=3).compiled == 1
@@ -339,9 +341,7 @@ def test_time_in_which_kernels_are_made_ready_is_a_stage_of_its_own(folder):
     assert list(again.timings_ms) == ["coarse"]
 
 
-def test_a_warm_up_tells_how_many_versions_are_kept(folder, monkeypatch):
-    folder.mkdir(mode=0o700, parents=True)
-    folder.parent.chmod(0o700)
+def test_a_warm_up_tells_how_many_versions_are_kept(made_folder, monkeypatch):
     told = []
     counted = threading.Event()
 

@@ -5,16 +5,12 @@ joined.
 import itertools
 import math
 from dataclasses import replace
-from unittest import mock
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from nnpp_edge.runtime import Method, Plan, Planner, Source, Status, Traversability
+from nnpp_edge.runtime import Planner, Status, Traversability
 from nnpp_edge.runtime.planners.tour import tour
-from nnpp_edge.runtime.robots.robot import Price, Robot
 from tests import oracles
 from tests.strategies import flat, uniform
 
@@ -26,28 +22,6 @@ def map_with_stops(seed, count, side=24, blocked=0.15):
     passable = np.argwhere(np.isfinite(cost))
     stops = passable[rng.choice(len(passable), count, replace=False)].tolist()
     return cost, [tuple(stop) for stop in stops]
-
-
-@settings(max_examples=30)
-@given(st.integers(0, 10**6), st.integers(3, 8))
-def test_where_there_costs_another_than_back_the_best_order_is_the_cheapest_too(seed, count):
-    between = np.random.default_rng(seed).uniform(0.1, 9.0, (count, count))
-    stops = [(0, at) for at in range(count)]
-
-    def leg(begin, end):
-        ends = np.array([begin, end], np.int32)
-        return Plan(Status.OK, Method.ASTAR, Source.MAP, ends, cost=between[begin[1], end[1]])
-
-    grid = Planner(flat(1, count)).state.grid
-    grid.robot = Robot(price=mock.Mock(wraps=Price(), symmetric=False))
-    best, given_cost = oracles.cheapest_order(between.tolist())
-    known = np.random.default_rng(seed).random(between.shape) < 0.5
-    partly = np.where(known, between, 0.7 * between), known
-    for nearest, share in ((None, 0.0), (None, 0.6), (lambda: partly, 0.0), (lambda: partly, 0.9)):
-        grid.least_cost = lambda begin, end, share=share: share * between[begin[1], end[1]]
-        found = tour(leg, stops, grid, best_order=True, nearest=nearest)
-        assert found.plan.cost == pytest.approx(best)
-        assert found.given_cost == pytest.approx(given_cost)
 
 
 def test_where_a_path_costs_the_same_both_ways_each_two_places_are_planned_between_once_at_most(
