@@ -79,9 +79,11 @@ class Ground:
         if self.elevation is not None:
             if self.cell_size_m is None:
                 raise InvalidMapError("wanted cell_size_m, the side of a cell, with elevations")
-            for term in LAYER_TERMS:
-                if term.words not in self.layers and getattr(self.limits, term.weight) > 0.0:
-                    raise InvalidMapError(f"{term.weight} counts a layer: wanted {term.words} too")
+            terms = {term.words: getattr(self.limits, term.weight) for term in LAYER_TERMS}
+            counted = {name for name, weight in terms.items() if weight > 0.0}
+            if not counted <= self.layers.keys() <= terms.keys():
+                wanted = f"{', '.join(sorted(counted or terms)) or 'no layer'}"
+                raise InvalidMapError(f"wanted {wanted}, got layers of {', '.join(self.layers)}")
             slope_cost = self.slope_cost  # refused now
             if self.vehicle is not None:
                 from nnpp_edge.runtime.robots.slope.cost import Mobility
@@ -219,7 +221,7 @@ class Ground:
         rows, cols = numbers(values, name).shape  # type: ignore[arg-type]  # one of them is there
         return rows * self.factor, cols * self.factor
 
-    def costs(self) -> Float2D:
+    def costs(self, *, warn: bool = False) -> Float2D:
         """(H, W) float32, what each cell costs a point: as given, or by Eq. 1."""
         if self.elevation is None:
             assert self.cost is not None
@@ -228,7 +230,7 @@ class Ground:
 
         size, width = self.sides_m
         return traversability_cost(
-            self.elevation, size, self.limits, cell_width_m=width, warn=False
+            self.elevation, size, self.limits, cell_width_m=width, warn=warn, layers=self.layers
         )
 
 
