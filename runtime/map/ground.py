@@ -3,7 +3,6 @@ what steps cost.
 """
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
@@ -68,7 +67,7 @@ class Ground:
     map; ``slope``, the coarse map's, calibrated on maps that are known finely."""
     prior_model: str | Path = "unseen"
     """That network: a shipped model's name, or a file."""
-    layers: Mapping[str, Float2D] = field(default_factory=dict)
+    layers: dict[str, Float2D] = field(default_factory=dict)
     """(H, W) float, numbers beside heights for the terms of `options.LAYER_TERMS`, by name."""
 
     def __post_init__(self) -> None:
@@ -100,8 +99,8 @@ class Ground:
             on_cells = self.vehicle is not None and body is None
             if self.factor > 1 and (slope_cost is not None or on_cells or self.layers):
                 raise InvalidMapError(
-                    "a coarse map is for points and bodies: wanted step_cost='paper', no radius_m "
-                    "and no layers"
+                    "a coarse map is for points and bodies: wanted step_cost='paper', no layers "
+                    "and no radius_m"
                 )
             return
         if self.factor > 1:
