@@ -385,7 +385,7 @@ def body_outlines(
     One at every second body length, at most a hundred; none for a path of less than two cells. Its
     headings (N,), in degrees clockwise from up the rows, are by default those to the next place.
     """
-    if len(path) < 2:
+    if len(path) < 2 or not vehicle.reach_m:
         return []
     steps = np.diff(path, axis=0) * sides_m
     along = np.concatenate(([0.0], np.cumsum(np.hypot(*steps.T))))
