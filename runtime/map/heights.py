@@ -87,6 +87,9 @@ class Heights(Lowest):
         return relative_heights(patch, self.base)[0]
 
     def put(self, part: Rectangle, patch: Float2D, seen: Bool | None, *, keeps: bool) -> Put:
+        if self.unseen is not None:
+            known = np.isfinite(patch)
+            self.unseen.see(part, known if seen is None else known & seen, self.array)
         return self.tiles.write(part, patch, ALL_SEEN if seen is None else seen, keeps=keeps)
 
     def cost(self) -> Float2D:
