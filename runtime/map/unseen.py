@@ -30,7 +30,7 @@ class Unseen:
         self.factor = ground.factor
         self.dem = relative_heights(ground.elevation)[0]
         self.layers = np.zeros((2, *self.dem.shape), np.float32)
-        """(2, H, W) prices, and what is known of the heights, as `map.tiles.Tiles` takes it."""
+        """(2, H, W) prices, and what is known of the heights (`kernels.tiles.BLOCK_UNTOUCHED`)."""
         self.priced = False
         """Whether the prices are there."""
         self.mean, self.blocked, self.share = (
@@ -42,6 +42,13 @@ class Unseen:
         """Blocks of which not all cells were, as far as `read` knows."""
         self._new = np.zeros(self.dem.shape, np.bool_)
         """(H, W) blocks that `read` is to sum up."""
+
+    @property
+    def source(self) -> dict[str, object]:
+        """Its fields of `records.TileSource`."""
+        prices, states = self.layers.reshape(2, -1)
+        side = {"block_side": self.factor, "block_cols": self.dem.shape[1]}
+        return {**side, "block_prices": prices, "block_states": states}
 
     def see(self, part: Rectangle, known: Bool, heights: Float2D) -> None:
         """Have the blocks take heights under the cells of a part that are `known` (h, w) now; those
