@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple, TypedDict
 from msgspec import Meta
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
     from pathlib import Path
 
     from nnpp_edge.runtime.arrays import Float2D
@@ -218,7 +217,7 @@ class GroundOptions(TypedDict, total=False):
     step_cost: str
     mobility: "Mobility | None"
     prior: str
-    layers: "Mapping[str, Float2D]"
+    layers: "dict[str, Float2D]"
 
 
 class PlannerOptions(GroundOptions, StepOptions, total=False):

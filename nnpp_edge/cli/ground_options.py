@@ -21,7 +21,7 @@ from nnpp_edge.cli.options import (
     SettingType,
     StepCost,
 )
-from nnpp_edge.runtime.options import PRIORS, TERMS
+from nnpp_edge.runtime.options import LAYER_TERMS, PRIORS, TERMS
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.map.ground import Ground
@@ -44,7 +44,7 @@ _MUCH_WIDER = 1.1
 
 
 def _named(kind: str) -> str:
-    return ", ".join(getattr(term, kind) for term in TERMS)
+    return ", ".join(getattr(term, kind) for term in (*TERMS, *LAYER_TERMS))
 
 
 Limit = Annotated[
@@ -224,6 +224,12 @@ class GroundOptions(VehicleOptions, TerrainOptions):
     """A map, and who drives on it at what cost."""
 
     resample: Resample = None
+    layer: Annotated[
+        tuple[str, ...],
+        MANY,
+        {"metavar": "NAME=FILE", "hidden": not LAYER_TERMS},
+        "Map of a further term of the cost, with the same cells. May be repeated.",
+    ] = ()
 
     def read(self, path: Path) -> "Dem":
         """As `TerrainOptions.read`; a warning says where cells of the file lie on a map that was
@@ -267,6 +273,7 @@ class GroundOptions(VehicleOptions, TerrainOptions):
         from nnpp_edge.runtime.map.ground import Ground
 
         factor, prior = blocks or Blocks(1)
+        files = [each.partition("=") for each in self.layer]
         if factor == 1:
             self.warn_if_coarse(dem)
         return Ground.of_coarse(
@@ -279,6 +286,7 @@ class GroundOptions(VehicleOptions, TerrainOptions):
             vehicle=self.body(),
             step_cost=self.step_cost,
             mobility=self.mobility(dem),
+            layers={name: self.read(Path(file)).elevation for name, _, file in files},
         )
 
     def warn_if_coarse(self, dem: "Dem") -> None:

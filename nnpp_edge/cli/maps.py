@@ -15,7 +15,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime import Ground, Planner, Vehicle
+from nnpp_edge.runtime import Planner, Vehicle
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, nearest
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, NnppEdgeError, Status
@@ -23,7 +23,7 @@ from nnpp_edge.runtime.kernels.poses import FAILS
 from nnpp_edge.runtime.memory import available_bytes
 from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.robots.body.poses import Poses
-from nnpp_edge.runtime.robots.body.refusal import why_blocked
+from nnpp_edge.runtime.robots.robot import Stance
 from nnpp_edge.runtime.terrain.traversability import (
     Traversability,
     traversability_cost,
@@ -150,13 +150,8 @@ class Near(NamedTuple):
     cost: Float2D
     limits: Traversability
     poses: Poses | None = None
+    stance: Stance = Stance()
     origin: Cell = (0, 0)
-
-    @classmethod
-    def of(cls, dem: Dem, ground: Ground, cost: Float2D, planner: Planner) -> "Near":
-        """The whole of a map in memory."""
-        poses = planner.state.grid.robot.moves.poses
-        return cls(dem, dem.elevation, cost, ground.limits, poses)
 
 
 def refuse_map(place: Place) -> NoReturn:
@@ -226,13 +221,13 @@ def _blocked(status: Status, cell: Cell, near: Near) -> str:
     top, left = near.origin
     if near.poses is None:
         if near.cost[at] < 1.0:
-            return f"{end}: an obstacle or the map's edge lies within the vehicle's radius"
+            return f"{end}: {near.stance.why_blocked(cell)}"
         sides = (near.place.cell_size_m, near.place.cell_width_m)
         reason = why_impassable(near.elevation, at, sides, near.limits)
         passable = near.cost < 1.0
         where = "passable cell"
     else:
-        reason = why_blocked(near.poses, cell)
+        reason = near.stance.why_blocked(cell)
         top = max(cell[0] - _LOOKED_AROUND, 0)
         rows = range(top, min(cell[0] + _LOOKED_AROUND + 1, near.place.shape[0]))
         passable = np.any(near.poses.standing(rows) < FAILS, axis=0)

@@ -128,13 +128,15 @@ def plan_in_memory(
     with told_if_slow("costs of the map"):
         ground = robot.of(dem)
         limits = ground.limits
-        cost = cost_of(dem, limits)
+        cost = ground.costs(warn=True)
     if not (cost < 1.0).any():
         refuse_map(dem)
     body = ground.vehicle
     planner_of = partial(Planner, **steps)
     planner = planner_of(ground.priced(cost), model=model)
-    near = Near.of(dem, ground, cost, planner)
+    robot_on_map = planner.state.grid.robot
+    standing = robot_on_map.moves.poses, robot_on_map.stance
+    near = Near(dem, dem.elevation, cost, limits, *standing)
     if len(goals) == 1 and (problem := problem_with(planner.state.grid, start, goals[0])):
         refuse(problem, start, goals[0], near)
     if "time_limit_s" in query:  # loading would use it up
@@ -237,6 +239,7 @@ def plan_by_windows(
         "--refine": "refine" in query,
         "--start-heading, --goal-heading": any(name.endswith("_deg") for name in query),
         "--resample": robot.resample is not None,
+        "--layer": robot.layer,
     }
     if wrong := [name for name, asked in unfit.items() if asked]:
         raise InvalidQueryError(

@@ -11,7 +11,7 @@ import numpy as np
 from nnpp_edge.profiling.suites import whole_cost
 from nnpp_edge.runtime import Ground, MapPatch
 from nnpp_edge.runtime.arrays import Cells, Float2D, Floats
-from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.cells import Cell, Sides
 from nnpp_edge.runtime.kernels.poses import MOST_CODE
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.state import map_state
@@ -129,7 +129,7 @@ class SimulatedRobot:
         return state.grid
 
 
-def reach_of(vehicle: Vehicle | None, sides_m: tuple[float, float]) -> int:
+def reach_of(vehicle: Vehicle | None, sides_m: Sides) -> int:
     """Cells from a robot's own to the farthest that lies under it."""
     if vehicle is None:
         return 0

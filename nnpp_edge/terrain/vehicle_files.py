@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.options import KINDS
 from nnpp_edge.runtime.reading import converted, read_toml
 from nnpp_edge.runtime.robots.slope.cost import SLOPE_COSTS, Mobility
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
@@ -86,7 +87,8 @@ def vehicle_of(values: Mapping[str, object], source: str) -> Vehicle:
     if "mobility" in values:
         mobility_of(values.pop("mobility"), source)
     _refuse_unknown(values, [field.name for field in fields(Vehicle)], source)
-    for name in () if "radius_m" in values else ("length_m", "width_m", "clearance_m"):
+    on_cells = any(kind.key in values for kind in KINDS if kind.values)
+    for name in () if on_cells else ("length_m", "width_m", "clearance_m"):
         if name not in values:
             raise VehicleError(f"{source}: {name} is missing")
     return _converted(values, Vehicle, source)

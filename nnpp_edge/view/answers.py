@@ -17,7 +17,7 @@ from msgspec import Meta, Struct
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.cells import Cell, Sides
 from nnpp_edge.runtime.compiled import notice
 from nnpp_edge.runtime.errors import InvalidQueryError, NnppEdgeError
 from nnpp_edge.runtime.kernels.poses import REFUSALS
@@ -279,7 +279,7 @@ def reach(field: Float2D, pixels: int, in_seconds: bool = False) -> tuple[Answer
     return {"cells": int(known.sum()), "step": step, "bands": math.ceil(most / step)}, layer
 
 
-def relief(elevation: Float2D, sides_m: tuple[float, float], pixels: int) -> Layer:
+def relief(elevation: Float2D, sides_m: Sides, pixels: int) -> Layer:
     """Hillshade, 40 to 245; `UNKNOWN` where fewer than half of a pixel's heights are known."""
     factor = max(max(elevation.shape) / pixels, 1.0)
     mean = mean_of_known(elevation, pixels)
@@ -288,7 +288,7 @@ def relief(elevation: Float2D, sides_m: tuple[float, float], pixels: int) -> Lay
     return grey
 
 
-def slope(elevation: Float2D, sides_m: tuple[float, float], pixels: int) -> Layer:
+def slope(elevation: Float2D, sides_m: Sides, pixels: int) -> Layer:
     """Inclination of the cells, from 0 to 255 at `_STEEPEST_DEG`; 0 where unknown."""
     slopes = np.nan_to_num(terrain_terms(elevation, sides_m[0], cell_width_m=sides_m[1])[0])
     return np.asarray(

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from nnpp_edge.files import write_whole
 from nnpp_edge.runtime.arrays import Bool, Cells, Float2D, Floats, headings_along
-from nnpp_edge.runtime.cells import Cell, Rectangle, holding, slices, widened
+from nnpp_edge.runtime.cells import Cell, Rectangle, Sides, holding, slices, widened
 from nnpp_edge.runtime.map.along import Line
 from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.runtime.planners.planner import Planner
@@ -125,7 +125,7 @@ class Chart:
     """(H, W) traversability cost; impassable where NaN or from 1 up."""
     elevation: Float2D | None = None
     """(H, W) metres, NaN where unknown; without it the ground is drawn level."""
-    sides_m: tuple[float, float] | None = None
+    sides_m: Sides | None = None
     """Of a cell, along columns and along rows; None where unknown."""
     north_deg: float | None = None
     """Where grid north lies, clockwise from up the rows; None where unknown."""
@@ -376,7 +376,7 @@ def reach_picture(
 def body_outlines(
     path: Line,
     vehicle: Vehicle,
-    sides_m: tuple[float, float],
+    sides_m: Sides,
     headings_deg: Line | None = None,
 ) -> list[Floats]:
     """(N, 2) the body's outline, rows and columns, and a line from its front to its middle, all
@@ -385,7 +385,7 @@ def body_outlines(
     One at every second body length, at most a hundred; none for a path of less than two cells. Its
     headings (N,), in degrees clockwise from up the rows, are by default those to the next place.
     """
-    if len(path) < 2:
+    if len(path) < 2 or not vehicle.reach_m:
         return []
     steps = np.diff(path, axis=0) * sides_m
     along = np.concatenate(([0.0], np.cumsum(np.hypot(*steps.T))))

@@ -377,17 +377,17 @@ def pool_and_link(finer, corner_cutting, obstacle, area, coarse):
     coarse = borrowed(Level(*coarse))
     area = Area(*area)
     least = pool(finer, corner_cutting, obstacle, area, coarse)
-    link(finer, corner_cutting, around(area, coarse), coarse)
+    link(finer, corner_cutting, around(area, coarse, 1), coarse)
     return least
 
 
 @inlined
-def around(area, level):
-    """A rectangle of cells of a level and those around it."""
-    row0 = max(area.row0 - 1, 0)
-    row1 = min(area.row1 + 1, level.rows)
-    col0 = max(area.col0 - 1, 0)
-    col1 = min(area.col1 + 1, level.cols)
+def around(area, level, rim):
+    """A rectangle of cells of a level, or of the map, and so many around it."""
+    row0 = max(area.row0 - rim, 0)
+    row1 = min(area.row1 + rim, level.rows)
+    col0 = max(area.col0 - rim, 0)
+    col1 = min(area.col1 + rim, level.cols)
     return Area(row0, row1, col0, col1)
 
 
@@ -400,8 +400,13 @@ def with_cell(area, row, col):
 
 
 @inlined
+def in_units(area, high, wide):
+    """The units of so many rows and columns in which cells of a rectangle lie."""
+    row1 = (area.row1 - 1) // high + 1
+    return Area(area.row0 // high, row1, area.col0 // wide, (area.col1 - 1) // wide + 1)
+
+
+@inlined
 def above(area):
     """The coarse cells above a rectangle."""
-    row1 = -(-area.row1 // FACTOR)
-    col1 = -(-area.col1 // FACTOR)
-    return Area(area.row0 // FACTOR, row1, area.col0 // FACTOR, col1)
+    return in_units(area, FACTOR, FACTOR)

@@ -7,13 +7,21 @@ compile it anew into each kernel that calls it.
 
 import numpy as np
 from numba.extending import overload
-from numpy import float32, inf, int64, nan, uint64
+from numpy import float32, inf, int64, uint64
 
 from nnpp_edge.runtime.compiled.kernel import helper, inlined, kernel
 from nnpp_edge.runtime.kernels.by_address import borrowed, call_at
 from nnpp_edge.runtime.kernels.encoding import cells_of_part, cells_under
 from nnpp_edge.runtime.kernels.nodes import COL, ROW
-from nnpp_edge.runtime.kernels.pooling import NO_AREA, above, around, link, pool, with_cell
+from nnpp_edge.runtime.kernels.pooling import (
+    NO_AREA,
+    above,
+    around,
+    in_units,
+    link,
+    pool,
+    with_cell,
+)
 from nnpp_edge.runtime.kernels.records import (
     LEVEL_COLS,
     LEVEL_FIRST,
@@ -56,9 +64,7 @@ def _tile_area(source, i, j):
 @inlined
 def _tiles_under(source, area):
     """The tiles in which cells of a rectangle of the map lie."""
-    row1 = ((area.row1 - 1) >> source.row_shift) + 1
-    col1 = ((area.col1 - 1) >> source.col_shift) + 1
-    return Area(area.row0 >> source.row_shift, row1, area.col0 >> source.col_shift, col1)
+    return in_units(area, 1 << source.row_shift, 1 << source.col_shift)
 
 
 @helper
@@ -215,9 +221,10 @@ def _pool_anew(tiles, source, changed):
         part = above(part)
         for linking in range(2):
             if linking:  # what is linked changes around what is pooled, too
-                part = around(part, coarse)
-            for i in range(part.row0 >> down, ((part.row1 - 1) >> down) + 1):
-                for j in range(part.col0 >> right, ((part.col1 - 1) >> right) + 1):
+                part = around(part, coarse, 1)
+            under = in_units(part, 1 << down, 1 << right)
+            for i in range(under.row0, under.row1):
+                for j in range(under.col0, under.col1):
                     if not tiles.state[i, j] & POOLED:
                         continue
                     tile = Area(i << down, (i + 1) << down, j << right, (j + 1) << right)
@@ -308,18 +315,10 @@ def _all_known(source, row, col):
     return True
 
 
-@inlined
-def _blocks_under(source, area):
-    """The blocks in which cells of a rectangle of the map lie."""
-    side = source.block_side
-    row1 = (area.row1 - 1) // side + 1
-    return Area(area.row0 // side, row1, area.col0 // side, (area.col1 - 1) // side + 1)
-
-
 @helper
 def _any_seen(source, area):
     """Whether anything may be known of the heights in a rectangle of the map."""
-    blocks = _blocks_under(source, area)
+    blocks = in_units(area, source.block_side, source.block_side)
     for i in range(blocks.row0, blocks.row1):
         for j in range(blocks.col0, blocks.col1):
             if source.block_states[i * source.block_cols + j] == BLOCK_SEEN:
@@ -328,51 +327,6 @@ def _any_seen(source, area):
 
 
 # Patches
-
-
-@helper
-def _see_blocks(source, row, col, patch, seen):
-    """Have the blocks under a patch of heights take them; those around are unknown where nothing
-    was seen.
-    """
-    states = source.block_states
-    side = source.block_side
-    written = Area(row, row + patch.shape[0], col, col + patch.shape[1])
-    blocks = _blocks_under(source, written)
-    for i in range(blocks.row0, blocks.row1):
-        for j in range(blocks.col0, blocks.col1):
-            block = i * source.block_cols + j
-            if states[block] == BLOCK_SEEN:
-                continue
-            cells = Area(i * side, (i + 1) * side, j * side, (j + 1) * side)
-            if not _has_heights(_shared(cells, written), row, col, patch, seen):
-                continue
-            for a in range(max(i - 1, 0), min(i + 2, source.rows // side)):
-                for b in range(max(j - 1, 0), min(j + 2, source.block_cols)):
-                    beside = a * source.block_cols + b
-                    if states[beside] == BLOCK_UNTOUCHED:
-                        _forget_block(source, a, b)
-                        states[beside] = BLOCK_UNKNOWN
-            states[block] = BLOCK_SEEN
-
-
-@helper
-def _has_heights(area, row, col, patch, seen):
-    """Whether a patch whose first cell is (row, col) has a height in a rectangle."""
-    found = False
-    for i in range(area.row0 - row, area.row1 - row):
-        for j in range(area.col0 - col, area.col1 - col):
-            found |= abs(patch[i, j]) < inf and (seen.size == 0 or seen[i, j])
-    return found
-
-
-@helper
-def _forget_block(source, i, j):
-    """Make all heights of a block unknown."""
-    side = source.block_side
-    for row in range(i * side, (i + 1) * side):
-        first = row * source.cols + j * side
-        source.heights[first : first + side] = nan
 
 
 @helper
@@ -459,24 +413,21 @@ def write_layer(tiles, layer, rim, patch, seen, row, col, nodes, old_weights):
     """
     tiles = borrowed(Tiles(*tiles))
     source = TileSource(*tiles.source)
-    whole = Area(0, source.rows, 0, source.cols)
     changed = NO_AREA
     cells = 0
     cheaper = False
     noted = 0
     if len(nodes):
         written = Area(row, row + patch.shape[0], col, col + patch.shape[1])
-        under = _tiles_under(source, _shared(_rimmed(written, rim), whole))
+        under = _tiles_under(source, around(written, source, rim))
         for i in range(under.row0, under.row1):
             for j in range(under.col0, under.col1):
                 _cost_tile(tiles, source, i, j)
-    if rim and source.block_side:
-        _see_blocks(source, row, col, patch, seen)
     new = _put_new(layer, source.cols, patch, seen, row, col)
     nothing = (0, 0, 0, 0)
     if new.row0 >= new.row1:
         return cells, cheaper, nothing, noted, nothing
-    near = _shared(_rimmed(new, rim), whole)
+    near = around(new, source, rim)
     under = _tiles_under(source, near)
     for i in range(under.row0, under.row1):
         for j in range(under.col0, under.col1):
@@ -495,12 +446,6 @@ def write_layer(tiles, layer, rim, patch, seen, row, col, nodes, old_weights):
         _pool_anew(tiles, source, changed)
     part = (changed.row0, changed.row1, changed.col0, changed.col1)
     return cells, cheaper, part, noted, (new.row0, new.row1, new.col0, new.col1)
-
-
-@inlined
-def _rimmed(area, rim):
-    """A rectangle and so many cells around it."""
-    return Area(area.row0 - rim, area.row1 + rim, area.col0 - rim, area.col1 + rim)
 
 
 # What a network is shown

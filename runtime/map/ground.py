@@ -3,7 +3,6 @@ what steps cost.
 """
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
@@ -68,7 +67,7 @@ class Ground:
     map; ``slope``, the coarse map's, calibrated on maps that are known finely."""
     prior_model: str | Path = "unseen"
     """That network: a shipped model's name, or a file."""
-    layers: Mapping[str, Float2D] = field(default_factory=dict)
+    layers: dict[str, Float2D] = field(default_factory=dict)
     """(H, W) float, numbers beside heights for the terms of `options.LAYER_TERMS`, by name."""
 
     def __post_init__(self) -> None:
@@ -79,9 +78,11 @@ class Ground:
         if self.elevation is not None:
             if self.cell_size_m is None:
                 raise InvalidMapError("wanted cell_size_m, the side of a cell, with elevations")
-            for term in LAYER_TERMS:
-                if term.words not in self.layers and getattr(self.limits, term.weight) > 0.0:
-                    raise InvalidMapError(f"{term.weight} counts a layer: wanted {term.words} too")
+            terms = {term.words: getattr(self.limits, term.weight) for term in LAYER_TERMS}
+            counted = {name for name, weight in terms.items() if weight > 0.0}
+            if not counted <= self.layers.keys() <= terms.keys():
+                wanted = f"{', '.join(sorted(counted or terms)) or 'no layer'}"
+                raise InvalidMapError(f"wanted {wanted}, got layers of {', '.join(self.layers)}")
             slope_cost = self.slope_cost  # refused now
             if self.vehicle is not None:
                 from nnpp_edge.runtime.robots.slope.cost import Mobility
@@ -98,8 +99,8 @@ class Ground:
             on_cells = self.vehicle is not None and body is None
             if self.factor > 1 and (slope_cost is not None or on_cells or self.layers):
                 raise InvalidMapError(
-                    "a coarse map is for points and bodies: wanted step_cost='paper', no radius_m "
-                    "and no layers"
+                    "a coarse map is for points and bodies: wanted step_cost='paper', no layers "
+                    "and no radius_m"
                 )
             return
         if self.factor > 1:
@@ -219,7 +220,7 @@ class Ground:
         rows, cols = numbers(values, name).shape  # type: ignore[arg-type]  # one of them is there
         return rows * self.factor, cols * self.factor
 
-    def costs(self) -> Float2D:
+    def costs(self, *, warn: bool = False) -> Float2D:
         """(H, W) float32, what each cell costs a point: as given, or by Eq. 1."""
         if self.elevation is None:
             assert self.cost is not None
@@ -228,7 +229,7 @@ class Ground:
 
         size, width = self.sides_m
         return traversability_cost(
-            self.elevation, size, self.limits, cell_width_m=width, warn=False
+            self.elevation, size, self.limits, cell_width_m=width, warn=warn, layers=self.layers
         )
 
 

@@ -70,16 +70,22 @@ class Heights(Lowest):
 
     def begin(self) -> Grid:
         rows, cols = self.array.shape
-        blocks = None if self.unseen is None else self.unseen.layers
-        weights = bordered(rows, cols, small=blocks is not None, filed=is_filed(self.array))
-        rule = self.limits.rule(*self._sides, scale=self._model.scale)
-        coarsest = FACTOR ** len(coarse_shapes(rows, cols))
+        small = self.unseen is not None
+        weights = bordered(rows, cols, small=small, filed=is_filed(self.array))
+        source = {
+            "rule": self.limits.rule(*self._sides, scale=self._model.scale),
+            "weights": weights,
+            "corner_cutting": self._cutting,
+            "told": self.told.reshape(-1),
+            "tells": self.tells,
+            "added": self.added((0, 0, rows, cols)).reshape(-1),
+        }
+        if self.unseen is not None:
+            source |= self.unseen.source
         self.grid = Grid(rows, cols, self._model, self._cutting, weights)
-        place = (self.array, rule, weights, self._cutting, coarsest)
-        added = self.added((0, 0, rows, cols))
-        self.tiles = Tiles(*place, self.told, self.tells, added, blocks)
+        self.tiles = Tiles(self.array, FACTOR ** len(coarse_shapes(rows, cols)), source)
         self.grid.compute_by(self.tiles)
-        if blocks is not None:  # whose prices may be greater than any cost
+        if self.unseen is not None:  # whose prices may be greater than any cost
             self.grid.set_bounds(self.grid.least, MOST_PRICE * self._model.scale)
         return self.grid
 
@@ -87,6 +93,9 @@ class Heights(Lowest):
         return relative_heights(patch, self.base)[0]
 
     def put(self, part: Rectangle, patch: Float2D, seen: Bool | None, *, keeps: bool) -> Put:
+        if self.unseen is not None:
+            known = np.isfinite(patch)
+            self.unseen.see(part, known if seen is None else known & seen, self.array)
         return self.tiles.write(part, patch, ALL_SEEN if seen is None else seen, keeps=keeps)
 
     def cost(self) -> Float2D:

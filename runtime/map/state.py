@@ -178,7 +178,7 @@ class MapState:
     ) -> Change:
         """Put new numbers (h, w) into the layer of that name, as `update` does."""
         if name not in self.layers:
-            raise InvalidMapError(f"wanted a layer of {', '.join(self.layers)}, got {name!r}")
+            raise InvalidMapError(f"wanted costs, or one of {', '.join(self.layers)}, got {name}")
         layer = self.layers[name]
         numbers = layer.read(patch)
         part = patch_at((row, col), numbers.shape, self.shape)

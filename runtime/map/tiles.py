@@ -21,7 +21,6 @@ from nnpp_edge.runtime.arrays import (
     Cells,
     Float2D,
     Float32s,
-    Floats,
     UInt8,
     UInt16,
     close_border,
@@ -101,56 +100,26 @@ class Tiles:
     """Which parts of a map of heights have been computed, and what it takes to compute the others.
 
     `heights` (H, W) float32 in metres, not finite where unknown, are kept, and changed by `write`
-    alone; `rule` as for `fill_weights`; `weights` and `corner_cutting` are those of the map's grid.
-    Tiles consist of whole cells of the coarsest level, which are `coarsest` cells to the side.
-    `told` (H, W) float32 are costs that were told, 0 where none was, inf where shut, and `tells`
-    (1,) whether any was; `added` (H, W) what layers add to costs, if anything. `unseen` (2, I, J)
-    float32 are the prices of blocks, and what is known of their heights, see
-    `kernels.tiles.UNTOUCHED`, on a map of which blocks are known.
+    alone. Tiles consist of whole cells of the coarsest level, which are `coarsest` cells to the
+    side. `source` are those fields of `TileSource` that are not made here.
     """
 
-    def __init__(
-        self,
-        heights: Float2D,
-        rule: Floats,
-        weights: Float32s,
-        corner_cutting: bool,
-        coarsest: int,
-        told: Float2D,
-        tells: Bool,
-        added: Float2D,
-        unseen: Float32s | None = None,
-    ) -> None:
+    def __init__(self, heights: Float2D, coarsest: int, source: dict[str, object]) -> None:
         self.heights = heights
-        self.rule = rule
         rows, cols = self.shape = (heights.shape[0], heights.shape[1])
         high, wide = self._sides = max(TILE_ROWS, coarsest), max(TILE_COLS, coarsest)
         self.state = np.zeros((-(-rows // high), -(-cols // wide)), np.uint8)
         """(I, J) uint8, what has been computed of each tile, as bits."""
         self._source = _NO_SOURCE._replace(
             heights=heights.reshape(-1),
-            rule=rule,
-            weights=weights,
             rows=rows,
             cols=cols,
             row_shift=high.bit_length() - 1,
             col_shift=wide.bit_length() - 1,
-            corner_cutting=corner_cutting,
             costed=np.zeros(1, np.int64),
-            told=told.reshape(-1),
-            tells=tells,
-            added=added.reshape(-1),
+            **source,  # type: ignore[arg-type]  # fields by name
         )
         """What the kernels compute by."""
-        if unseen is not None:
-            prices, states = unseen.reshape(2, -1)
-            blocks = unseen.shape[2]
-            self._source = self._source._replace(
-                block_side=cols // blocks,
-                block_cols=blocks,
-                block_prices=prices,
-                block_states=states,
-            )
 
     @property
     def cells_computed(self) -> int:

@@ -5,10 +5,10 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.arrays import Bool, Float2D, Floats
-from nnpp_edge.runtime.cells import Rectangle, above, holding, slices
+from nnpp_edge.runtime.arrays import Bool, Float2D, Floats, in_blocks
+from nnpp_edge.runtime.cells import Rectangle, above, holding, slices, widened
 from nnpp_edge.runtime.deadline import NEVER, Deadline
-from nnpp_edge.runtime.kernels.tiles import BLOCK_SEEN, BLOCK_UNTOUCHED
+from nnpp_edge.runtime.kernels.tiles import BLOCK_SEEN, BLOCK_UNKNOWN, BLOCK_UNTOUCHED
 from nnpp_edge.runtime.map.along import Line, heights_at
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.ground import Ground
@@ -30,7 +30,7 @@ class Unseen:
         self.factor = ground.factor
         self.dem = relative_heights(ground.elevation)[0]
         self.layers = np.zeros((2, *self.dem.shape), np.float32)
-        """(2, H, W) prices, and what is known of the heights, as `map.tiles.Tiles` takes it."""
+        """(2, H, W) prices, and what is known of the heights (`kernels.tiles.BLOCK_UNTOUCHED`)."""
         self.priced = False
         """Whether the prices are there."""
         self.mean, self.blocked, self.share = (
@@ -42,6 +42,33 @@ class Unseen:
         """Blocks of which not all cells were, as far as `read` knows."""
         self._new = np.zeros(self.dem.shape, np.bool_)
         """(H, W) blocks that `read` is to sum up."""
+
+    @property
+    def source(self) -> dict[str, object]:
+        """Its fields of `records.TileSource`."""
+        prices, states = self.layers.reshape(2, -1)
+        side = {"block_side": self.factor, "block_cols": self.dem.shape[1]}
+        return {**side, "block_prices": prices, "block_states": states}
+
+    def see(self, part: Rectangle, known: Bool, heights: Float2D) -> None:
+        """Have the blocks take heights under the cells of a part that are `known` (h, w) now; those
+        of the map are unknown in the blocks around, where nothing was seen.
+        """
+        states = self.layers[1]
+        blocks = above(part, self.factor)
+        firsts = [
+            (np.arange(begin, begin + count) * self.factor - first).clip(0)
+            for begin, count, first in zip(blocks[:2], blocks[2:], part[:2], strict=True)
+        ]
+        seen = np.logical_or.reduceat(known, firsts[0], 0)
+        seen = np.logical_or.reduceat(seen, firsts[1], 1) & (states[slices(blocks)] != BLOCK_SEEN)
+        for i, j in (np.argwhere(seen) + blocks[:2]).tolist():
+            near = slices(widened((i, j, 1, 1), (1, 1), states.shape))
+            untouched = states[near] == BLOCK_UNTOUCHED
+            cells = in_blocks(heights, self.factor).swapaxes(1, 2)[near]
+            cells[untouched] = np.nan
+            states[near][untouched] = BLOCK_UNKNOWN
+            states[i, j] = BLOCK_SEEN
 
     def note(self, part: Rectangle) -> None:
         """Heights of cells in a part of the map have changed, or what was told of them; so has what

@@ -156,7 +156,15 @@ class OnMap:
 
     @checked(InvalidQueryError)
     @one_at_a_time
-    def update(self, row: int, col: int, patch: Float2D, *, seen: Bool | None = None) -> int:
+    def update(
+        self,
+        row: int,
+        col: int,
+        patch: Float2D,
+        *,
+        seen: Bool | None = None,
+        layer: str = "cost",
+    ) -> int:
         """Put new costs into the map.
 
         On a map of elevations these costs are a layer of their own: a cell costs the greater of
@@ -171,6 +179,8 @@ class OnMap:
             New costs. NaN is impassable on a map of costs, and tells a map of elevations nothing.
         seen : (h, w) bool
             The cells that get new costs; by default all.
+        layer : str
+            Of another layer than costs, by its name, the numbers are new.
 
         Returns
         -------
@@ -183,7 +193,7 @@ class OnMap:
             The patch does not lie inside the map, or holds a cost out of range; then the map is as
             it was.
         """
-        change = self._state.update(row, col, patch, _mask(seen, patch))
+        change = self._state.put(layer, row, col, patch, _mask(seen, patch))
         self._changed()
         return change.cells
 

@@ -8,7 +8,6 @@ summed up, the paper leaves open; it is decided here.
 
 import math
 import warnings
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
 
 import numpy as np
@@ -28,7 +27,7 @@ from nnpp_edge.runtime.kernels.traversability import (
 from nnpp_edge.runtime.options import LAYER_TERMS, TERMS, Term
 from nnpp_edge.runtime.tuning import MOST_SAMPLED
 
-Layers = Mapping[str, Float2D]
+Layers = dict[str, Float2D]
 """Numbers (H, W) of cells beside heights, by name."""
 _SINGLE_STEP = Term("steepest single step", "°", "", "", "hard_gradient_deg")
 """What else a cell is limited by."""

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from nnpp_edge.runtime.arrays import Bool, Cells, Float32s, Floats
+from nnpp_edge.runtime.arrays import Bool, Cells, Floats
 from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError

@@ -97,7 +97,8 @@ class CoarseSlopePrice(Price):
         """
 
     def edges(self, backwards: bool = False) -> Edges:
-        return self.both_ways[int(backwards)].reshape(-1, 8)
+        here: Edges = self.both_ways[int(backwards)]
+        return here.reshape(-1, 8)
 
     def bounds(self, grid: "Grid", shortest: float) -> tuple[float, float, float]:
         return *self._prices, math.inf
