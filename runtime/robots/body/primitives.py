@@ -173,10 +173,9 @@ def primitives(vehicle: Vehicle, sides_m: Sides) -> tuple[Prices, float]:
             lengths += [cells, cells]
             by_legs = left_over.py_func(abs(bend.down), abs(bend.right), _LEG_LENGTHS)
             shortest = min(shortest, cells / by_legs)
-    ray_fares = np.array(lengths, _FLOAT)
+    rays = np.array(legs, _INT), np.array(lengths, _FLOAT)
     turns = between(turns_m(vehicle, sides_m) / sides_m[0])
-    ways = np.array(legs, _INT), ray_fares
-    return Prices(np.float32(0.0), moves, fares, origins, *ways, turns), shortest
+    return Prices(_FLOAT(0.0), moves, fares, origins, *rays, turns), shortest
 
 
 def turns_m(vehicle: Vehicle, sides_m: Sides) -> Floats:
