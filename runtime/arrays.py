@@ -37,11 +37,7 @@ def unmasked(array: ArrayLike) -> NDArray[np.generic]:
         raise InvalidMapError(
             "wanted a (H, W) map of numbers, got rows of different lengths"
         ) from None
-    if (
-        not isinstance(array, np.ma.MaskedArray)
-        or not np.ma.is_masked(array)
-        or values.dtype.kind not in "fiub"
-    ):
+    if not np.ma.is_masked(array) or values.dtype.kind not in "fiub":
         return values
     return np.where(np.ma.getmaskarray(array), np.nan, values)
 
@@ -85,8 +81,8 @@ def numbers(array: ArrayLike, name: str) -> NDArray[np.generic]:
 def close_border(weights: NDArray[np.float32], rows: int, cols: int) -> None:
     """Make the border impassable of a grid of (rows + 2) · (cols + 2) nodes."""
     padded = weights.reshape(rows + 2, cols + 2)
-    for side in (padded[0], padded[-1], padded[:, 0], padded[:, -1]):
-        side.fill(np.inf)
+    padded[[0, -1]] = np.inf
+    padded[:, [0, -1]] = np.inf
 
 
 def headings_along(path: NDArray[np.int32] | NDArray[np.float64]) -> NDArray[np.float64]:

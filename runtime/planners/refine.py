@@ -34,8 +34,8 @@ from nnpp_edge.runtime.planners.turns import curvatures, with_arcs
 from nnpp_edge.runtime.stopwatch import Stopwatch
 from nnpp_edge.runtime.tuning import ANY_ANGLE, WAY_POINT_SAVES
 
-_ROUNDER = (1.02, 1.1, 1.3)
-"""Radii of the arcs that are laid, over that asked for: way points on an arc turn a little sharper
+_ROUNDER = 1.02
+"""Radius of the arcs that are laid, over that asked for: way points on an arc turn a little sharper
 than it does.
 """
 _COARSER = (1.0, 8.0, 64.0)
@@ -117,11 +117,10 @@ class Refiner:
             )
             if not radius or self._turns(line.points, radius):
                 return line
-            for rounder in _ROUNDER:
-                rounded = with_arcs(line.points, rounder * radius)
-                if rounded is None or not self._turns(rounded, radius):
-                    continue
-                if (cost := self.cost(rounded)) < math.inf:
+            rounded = with_arcs(line.points, _ROUNDER * radius)
+            if rounded is not None and self._turns(rounded, radius):
+                cost = self.cost(rounded)
+                if cost < math.inf:
                     return PricedLine(rounded, cost)
         return None
 
