@@ -37,7 +37,11 @@ def unmasked(array: ArrayLike) -> NDArray[np.generic]:
         raise InvalidMapError(
             "wanted a (H, W) map of numbers, got rows of different lengths"
         ) from None
-    if not np.ma.is_masked(array) or values.dtype.kind not in "fiub":
+    if (
+        not isinstance(array, np.ma.MaskedArray)
+        or not np.ma.is_masked(array)
+        or values.dtype.kind not in "fiub"
+    ):
         return values
     return np.where(np.ma.getmaskarray(array), np.nan, values)
 

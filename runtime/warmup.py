@@ -32,7 +32,7 @@ alone.
 """
 _WATCH_S = 0.5
 """Between two counts of what is compiled."""
-VERSIONS = 62
+VERSIONS = 61
 """Of all kernels, which an empty cache gets: to tell how much of the work is done."""
 MOST_JOBS = 4
 JOB_BYTES = 700_000_000

@@ -215,7 +215,7 @@ def _sum_between(ground, tiles, places, k, samples, sums):
 @helper
 def _leg_costs(ground, places, k, sums, samples, costs, legs):
     """Costs of the ways to a station's places: `legs[d, j]` by the leg to place j from that d -
-    slope before it.
+    SLOPE before it.
     """
     rows = places.rows
     cols = places.cols
