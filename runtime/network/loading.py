@@ -160,7 +160,9 @@ def _load(path: Path, key: Key) -> LoadedModel:
         wanted = inputs | outputs
         got = {value.name: tuple(value.shape) for value in values}
         if got != wanted:
-            raise ModelError(f"{path}: wanted {wanted} by its metadata, got {got}")
+            raise ModelError(
+                f"{path}: wanted inputs and outputs {wanted} by its metadata, got {got}"
+            )
         head = None
         if metadata.encoding == "ends":
             head = _checked_head(path, session, metadata, inputs)

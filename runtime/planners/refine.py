@@ -92,8 +92,9 @@ class Refiner:
             reason = (
                 f"no line that turns with a radius of {wanted:g} m was found near the grid's path"
             )
-            names = plan.method, plan.source
-            found = Plan(Status.NO_PATH, *names, planner=plan.planner, reason=reason)
+            found = Plan(
+                Status.NO_PATH, plan.method, plan.source, planner=plan.planner, reason=reason
+            )
         else:
             along = self._state.along(line.points)
             found = replace(plan, waypoints=line.points, line_cost=line.cost, along=along)
@@ -110,7 +111,7 @@ class Refiner:
         """
         if len(path) < 2:
             return PricedLine(path.astype(np.float64), 0.0)
-        for coarser in _COARSER if radius else (1.0,):
+        for coarser in _COARSER:
             saves = WAY_POINT_SAVES * coarser
             line = PricedLine(
                 *freed(self._grid.packed, self._room, path, ANY_ANGLE, saves, deadline.at)

@@ -14,7 +14,7 @@ def turns_rad(points: Floats) -> Floats:
     """(N,) by how much each way point turns the line, from 0 to π; 0 at the ends."""
     legs = np.diff(points, axis=0)
     headings = np.arctan2(legs[:, 1], legs[:, 0])
-    return np.concatenate(([0.0], np.abs(_turned(headings)), [0.0]))[: len(points)]
+    return np.pad(np.abs(_turned(headings)), 1)[: len(points)]
 
 
 def curvatures(points: Floats) -> Floats:
@@ -27,10 +27,8 @@ def curvatures(points: Floats) -> Floats:
         return np.zeros(len(points))
     lengths = np.hypot(*np.diff(points, axis=0).T)
     shorter = np.minimum(lengths[:-1], lengths[1:])
-    found = np.zeros(len(points))
     turns = turns_rad(points)[1:-1]
-    found[1:-1] = 2.0 * np.tan(0.5 * turns) / np.maximum(shorter, 1e-12)
-    return found
+    return np.pad(2.0 * np.tan(0.5 * turns) / np.maximum(shorter, 1e-12), 1)
 
 
 def with_arcs(points: Floats, radius: float) -> Floats | None:
@@ -42,8 +40,7 @@ def with_arcs(points: Floats, radius: float) -> Floats | None:
     headings = np.arctan2(legs[:, 1], legs[:, 0])
     turns = _turned(headings)
     # from where an arc touches a leg to its way point; none at the ends of the line
-    reach = np.zeros(len(points))
-    reach[1:-1] = radius * np.tan(0.5 * np.abs(turns))
+    reach = np.pad(radius * np.tan(0.5 * np.abs(turns)), 1)
     too_short = reach[:-1] + reach[1:] > lengths
     if too_short.any() or (np.abs(turns) > 0.9 * np.pi).any():
         return None
