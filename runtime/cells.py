@@ -119,8 +119,7 @@ def apart(part: Rectangle, cell: tuple[int, int]) -> int:
 
 def nearest(mask: NDArray[np.bool_], cell: Cell) -> Cell:
     """The cell of a mask (H, W), which holds at least one, that is nearest to another."""
-    rows, cols = np.ogrid[: mask.shape[0], : mask.shape[1]]
-    squares = (rows - cell[0]) ** 2 + (cols - cell[1]) ** 2
-    away = np.where(mask, squares, np.inf)
-    row, col = divmod(int(away.argmin()), mask.shape[1])
+    cells = np.argwhere(mask)
+    squares = ((cells - cell) ** 2).sum(1)
+    row, col = cells[squares.argmin()].tolist()
     return row, col

@@ -1,7 +1,6 @@
 """Tiny plans that call every kernel with every type of argument which the runtime hands to it."""
 
 import functools
-import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -17,12 +16,12 @@ from nnpp_edge.runtime.planners.coarse_to_fine import CoarseLevel
 from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
 from nnpp_edge.runtime.planners.plan import DynamicMethod
 from nnpp_edge.runtime.planners.planner import Planner
+from nnpp_edge.runtime.planners.refine import Refiner
 from nnpp_edge.runtime.region.learned import RegionFinder
 from nnpp_edge.runtime.robots.body.poses import pose_costs
 from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.terrain.traversability import (
-    SaturationWarning,
     Traversability,
     terrain_terms,
     traversability_cost,
@@ -92,6 +91,7 @@ def _exercise_costs(network: NetworkModel) -> None:
     planner.prepare(landmarks=1, goals=[goal])
     for method in STILL:
         planner.plan(start, goal, method=method, refine="any-angle")
+    Refiner(planner.state).cost(np.array((start, goal), np.float64))
     moving = DynamicPlanner(cost, goal, model=network)
     moving.prepare()
     for at, method in enumerate(DynamicMethod):
@@ -116,9 +116,7 @@ def _read_only(array: Float2D) -> Float2D:
 def _exercise_kernels(dem: Float2D, network: NetworkModel) -> None:
     """Kernels that plans alone do not call."""
     network.try_out()
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", SaturationWarning)
-        traversability_cost(dem, 1.0, cell_width_m=1.5)
+    traversability_cost(dem, 1.0, cell_width_m=1.5, warn=False)
     terrain_terms(dem, 1.0)
     finder = RegionFinder(16)
     finder.threshold((1, 2), (9, 3))

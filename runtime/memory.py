@@ -82,11 +82,8 @@ def filed_zeros(shape: tuple[int, ...], dtype: type[Number]) -> NDArray[Number]:
     """Zeros in a temporary file that has no name: of a map larger than memory, whose pages the
     system writes there and drops where it needs the room. OSError where the disk has none.
     """
-    size = max(math.prod(shape), 1) * np.dtype(dtype).itemsize
     with tempfile.TemporaryFile() as file:
-        file.truncate(size)
-        memory = mmap.mmap(file.fileno(), size)
-    return np.frombuffer(memory, dtype, math.prod(shape)).reshape(shape)
+        return np.asarray(np.memmap(file, dtype, "w+", shape=shape))
 
 
 def is_filed(array: object) -> bool:

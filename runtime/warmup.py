@@ -17,8 +17,10 @@ import time
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
+
+import msgspec
 
 from nnpp_edge.runtime.compiled import cache, claims, places
 from nnpp_edge.runtime.errors import OutputError
@@ -32,7 +34,7 @@ alone.
 """
 _WATCH_S = 0.5
 """Between two counts of what is compiled."""
-VERSIONS = 62
+VERSIONS = 57
 """Of all kernels, which an empty cache gets: to tell how much of the work is done."""
 MOST_JOBS = 4
 JOB_BYTES = 700_000_000
@@ -59,11 +61,8 @@ class Warmth:
 
     def summary(self) -> dict[str, object]:
         """Ready for JSON."""
-        return asdict(self) | {
-            "folder": str(self.folder),
-            "seconds": round(self.seconds, 3),
-            "removed": [str(folder) for folder in self.removed],
-        }
+        facts: dict[str, object] = msgspec.to_builtins(self, enc_hook=str)
+        return facts | {"seconds": round(self.seconds, 3)}
 
 
 def warm_up(

@@ -34,9 +34,8 @@ import numba
 from numba.core.caching import NullCache
 from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
-from numba.core.sigutils import normalize_signature
 
-from nnpp_edge.runtime.compiled import places
+from nnpp_edge.runtime.compiled import claims, notice, places
 from nnpp_edge.runtime.stopwatch import preparing
 
 NumbaObject = Any
@@ -99,26 +98,20 @@ class KernelCache(NullCache):
         preparing.begins()
         target_context.refresh()
         key = self._key(sig, target_context.codegen())
-        kept = self._find(key, sig, target_context)
+        claims.take(_digest(key))
+        kept = self._find(key, target_context)
         if kept is not None:
+            claims.release(_digest(key))
             preparing.ends()
             return kept
-        from nnpp_edge.runtime.compiled import claims, notice
-
-        if claims.take(_digest(key)):  # another may have kept it meanwhile
-            kept = self._find(key, sig, target_context)
-            if kept is not None:
-                claims.release(_digest(key))
-                preparing.ends()
-                return kept
         _compiling.append(notice.begins(_COMPILING))
         _let_interrupts_come()
         return None
 
-    def _find(self, key: bytes, sig: NumbaObject, target_context: NumbaObject) -> NumbaObject:
+    def _find(self, key: bytes, target_context: NumbaObject) -> NumbaObject:
         for folder in self._read:
             path = folder / self._name(key)
-            kept = self._load(path, key, sig, target_context)
+            kept = self._load(path, key, target_context)
             if kept is not None:
                 return kept
             if folder in places.WHEEL:
@@ -126,25 +119,19 @@ class KernelCache(NullCache):
                 places.pass_over_wheel(f"{path} is {damaged if path.exists() else 'missing'}")
         return None
 
-    def _load(
-        self, path: Path, key: bytes, sig: NumbaObject, target_context: NumbaObject
-    ) -> NumbaObject:
+    def _load(self, path: Path, key: bytes, target_context: NumbaObject) -> NumbaObject:
         content = _read(path)
         kept = content[_CHECKSUM_BYTES:]
         if content[:_CHECKSUM_BYTES] != _checksum(key, kept):
             return None
         try:
-            result = CompileResult._rebuild(target_context, *pickle.loads(kept))
+            return CompileResult._rebuild(target_context, *pickle.loads(kept))
         except Exception:
             # it was made by something that differs from us in a way which the key does not tell
             return None
-        wanted, _ = normalize_signature(sig)
-        return result if tuple(result.signature.args) == tuple(wanted) else None
 
     def save_overload(self, sig: NumbaObject, data: NumbaObject) -> None:
         """Keep the compiled version `data` for `sig`, unless it holds addresses of this process."""
-        from nnpp_edge.runtime.compiled import claims
-
         if _compiling:
             _compiling.pop().cancel()
         key = self._key(sig, data.codegen)

@@ -29,11 +29,9 @@ def shared(folder: Path) -> Iterator[None]:
         _file = None
 
 
-def take(digest: str) -> bool:
-    """Wait until no other process compiles the version with this hexadecimal digest; False if
-    nothing is shared.
-    """
-    return _lock(fcntl.LOCK_EX, digest)
+def take(digest: str) -> None:
+    """Wait until no other process compiles the version with this hexadecimal digest."""
+    _lock(fcntl.LOCK_EX, digest)
 
 
 def release(digest: str) -> None:
@@ -41,9 +39,8 @@ def release(digest: str) -> None:
     _lock(fcntl.LOCK_UN, digest)
 
 
-def _lock(how: int, digest: str) -> bool:
-    if _file is None:
-        return False
-    with suppress(OSError):  # a file system without locks
-        fcntl.lockf(_file, how, 1, int(digest[:15], 16))
-    return True
+def _lock(how: int, digest: str) -> None:
+    """As the system does; nothing where nothing is shared."""
+    if _file is not None:
+        with suppress(OSError):  # a file system without locks
+            fcntl.lockf(_file, how, 1, int(digest[:15], 16))

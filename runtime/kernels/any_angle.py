@@ -57,15 +57,12 @@ def open_between(tiles, leg):
     """See to it that the weights are there of all cells of the rectangle around a leg, and of those
     around it.
     """
-    low_row = min(leg.row, leg.to_row)
-    low_col = min(leg.col, leg.to_col)
-    high_row = max(leg.row, leg.to_row)
-    high_col = max(leg.col, leg.to_col)
-    row0 = int64(low_row + 0.5) >> tiles.row_shift
-    row1 = (int64(high_row + 0.5) >> tiles.row_shift) + 1
-    col0 = int64(low_col + 0.5) >> tiles.col_shift
-    for i in range(row0, row1):
-        for j in range(col0, (int64(high_col + 0.5) >> tiles.col_shift) + 1):
+    top = int64(min(leg.row, leg.to_row) + 0.5) >> tiles.row_shift
+    bottom = int64(max(leg.row, leg.to_row) + 0.5) >> tiles.row_shift
+    left = int64(min(leg.col, leg.to_col) + 0.5) >> tiles.col_shift
+    right = int64(max(leg.col, leg.to_col) + 0.5) >> tiles.col_shift
+    for i in range(top, bottom + 1):
+        for j in range(left, right + 1):
             if not tiles.state[i, j] & tiles.wanted:
                 open_there(tiles, i, j)
 
@@ -112,7 +109,7 @@ def weight_at(ground, row, col):
         beside = k & 1
         node = (i + below) * ground.stride + j + beside
         there = float64(ground.weights[uint64(node)])
-        share = (down if below else 1.0 - down) * (right if beside else 1.0 - right)
+        share = (1.0 - abs(down - below)) * (1.0 - abs(right - beside))
         if there < inf and share > 0.0:
             total += share * there
             shares += share
@@ -396,17 +393,14 @@ def _without_some(ground, tiles, points, penalty):
 @helper
 def _chosen(points, before):
     """The way points from the last back to the first, by the number of the one before each."""
+    backwards = np.empty_like(points)
     count = 0
     k = len(points) - 1
     while k >= 0:
-        count = count + 1
+        backwards[count] = points[k]
+        count += 1
         k = before[k]
-    out = np.empty((count, 2))
-    k = len(points) - 1
-    for m in range(count - 1, -1, -1):
-        out[m] = points[k]
-        k = before[k]
-    return out
+    return backwards[:count][::-1].copy()
 
 
 @helper
@@ -416,16 +410,11 @@ def corners(path):
     count = 0
     last = len(path) - 1
     for k in range(len(path)):
-        row = path[k, ROW]
-        col = path[k, COL]
-        straight = False
         if 0 < k < last:
-            before = path[k - 1]
-            after = path[k + 1]
-            straight = before[ROW] + after[ROW] == 2 * row
-            straight = straight and before[COL] + after[COL] == 2 * col
-        if not straight:
-            out[count, ROW] = row
-            out[count, COL] = col
-            count += 1
+            down = path[k - 1, ROW] + path[k + 1, ROW] - 2 * path[k, ROW]
+            right = path[k - 1, COL] + path[k + 1, COL] - 2 * path[k, COL]
+            if down == 0 and right == 0:
+                continue
+        out[count] = path[k]
+        count += 1
     return out[:count].copy()

@@ -7,7 +7,7 @@ import math
 from numpy import inf
 
 from nnpp_edge.runtime.compiled.kernel import helper, inlined, kernel
-from nnpp_edge.runtime.kernels.records import Area, Rectangle
+from nnpp_edge.runtime.kernels.records import Area
 
 BETWEEN_CHANNELS = 3
 END_CHANNELS = 6
@@ -29,10 +29,9 @@ def cells_of_part(part, shape, inner):
     rows, cols = shape
     inner_rows, inner_cols = inner
     row, col, part_rows, part_cols = part
-    part = Rectangle(row, col, part_rows, part_cols)
-    row1 = min(-(-(part.row + part.rows) * inner_rows // rows), inner_rows)
-    col1 = min(-(-(part.col + part.cols) * inner_cols // cols), inner_cols)
-    return Area(part.row * inner_rows // rows, row1, part.col * inner_cols // cols, col1)
+    row1 = min(-(-(row + part_rows) * inner_rows // rows), inner_rows)
+    col1 = min(-(-(col + part_cols) * inner_cols // cols), inner_cols)
+    return Area(row * inner_rows // rows, row1, col * inner_cols // cols, col1)
 
 
 @kernel

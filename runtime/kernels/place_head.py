@@ -6,7 +6,7 @@ import numpy as np
 from numpy import float32, inf
 
 from nnpp_edge.runtime.compiled.kernel import helper, kernel
-from nnpp_edge.runtime.kernels.encoding import BETWEEN_CHANNELS, END_CHANNELS, fill_ends
+from nnpp_edge.runtime.kernels.encoding import END_CHANNELS, fill_ends
 
 ANSWERS = 4
 """Blocks to a place, two by two."""
@@ -31,13 +31,6 @@ def _layer(values, matrix, bias, out):
 
 
 @helper
-def _matrix(numbers, first, rows, cols):
-    """The next rows × cols of `numbers`, and where what comes after them begins."""
-    last = first + rows * cols
-    return numbers[first:last].reshape(rows, cols), last
-
-
-@helper
 def _put_answers(last, side, out):
     """Write probabilities (2 side, 2 side), of what the last layer has of each place."""
     for i in range(2 * side):
@@ -48,7 +41,7 @@ def _put_answers(last, side, out):
 
 
 @kernel
-def answer_ends(ends, spacing, sigma, places, query, parameters, units, out):
+def answer_ends(ends, spacing, sigma, places, query, matrices, out):
     """Encode start and goal, and write the probabilities of all blocks.
 
     Ends, spacing and sigma as for `encoding.encode_ends`.
@@ -59,10 +52,8 @@ def answer_ends(ends, spacing, sigma, places, query, parameters, units, out):
         The encoder's two descriptions of each place.
     query : (15, P, P) float32
         Written: start and goal, encoded.
-    parameters : (N,) float32
-        In the order of `parameter_shapes`.
-    units : (int, int)
-        Of the hidden layers.
+    matrices : tuple of float32 arrays
+        The head's parameters, in the order of `parameter_shapes`.
     out : (2P, 2P) float32
         Written.
     """
@@ -71,25 +62,15 @@ def answer_ends(ends, spacing, sigma, places, query, parameters, units, out):
     count = side * side
     flat = query.reshape(len(query), -1)
     width = places.shape[1] // 2
-    first_units, second_units = units
-    # the head's parameters
-    way, at = _matrix(parameters, 0, END_CHANNELS - 1, width)
-    way_bias, at = _matrix(parameters, at, 1, width)
-    both, at = _matrix(parameters, at, width, first_units)
-    both_bias, at = _matrix(parameters, at, 1, first_units)
-    across, at = _matrix(parameters, at, width, first_units)
-    between, at = _matrix(parameters, at, BETWEEN_CHANNELS, first_units)
-    mix, at = _matrix(parameters, at, first_units, second_units)
-    mix_bias, at = _matrix(parameters, at, 1, second_units)
-    answer, at = _matrix(parameters, at, second_units, ANSWERS)
-    answer_bias, at = _matrix(parameters, at, 1, ANSWERS)
+    way, way_bias, both, both_bias, across, between = matrices[:6]
+    mix, mix_bias, answer, answer_bias = matrices[6:]
     # what is computed
     to_start = np.empty((count, width), float32)
     to_goal = np.empty_like(to_start)
     at_end = np.empty((1, width), float32)
     crossed = np.zeros((1, width), float32)
-    first = np.empty((count + 1, first_units), float32)
-    second = np.empty((count, second_units), float32)
+    first = np.empty((count + 1, both.shape[1]), float32)
+    second = np.empty((count, mix.shape[1]), float32)
     last = np.empty((count, ANSWERS), float32)
     # each place in relation to an end, and one end to the other
     for related, n in ((to_start, 0), (to_goal, END_CHANNELS)):

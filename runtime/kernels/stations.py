@@ -173,10 +173,7 @@ def _put_places(ground, stations, stage, places):
 @inlined
 def _extent(across, k):
     """Least and greatest coordinate of the outermost places of a station and the one before it."""
-    last = across.shape[1] - 1
-    before = across[k - 1]
-    here = across[k]
-    ends = (before[0], before[last], here[0], here[last])
+    ends = (across[k - 1, 0], across[k - 1, -1], across[k, 0], across[k, -1])
     return min(*ends), max(*ends)
 
 
@@ -218,7 +215,7 @@ def _sum_between(ground, tiles, places, k, samples, sums):
 @helper
 def _leg_costs(ground, places, k, sums, samples, costs, legs):
     """Costs of the ways to a station's places: `legs[d, j]` by the leg to place j from that d -
-    slope before it.
+    SLOPE before it.
     """
     rows = places.rows
     cols = places.cols

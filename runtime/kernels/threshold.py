@@ -112,10 +112,16 @@ def _leads(grid, links, node, k, there):
 
 
 @inlined
+def _block_at(lookup, node, stride):
+    """The block that a node lies in."""
+    return lookup.row_block[node // stride - 1], lookup.col_block[node % stride - 1]
+
+
+@inlined
 def _level_at(levels, lookup, node, stride):
     """Level of the block that a node lies in."""
-    row = lookup.row_block[node // stride - 1]
-    return int64(levels[row, lookup.col_block[node % stride - 1]])
+    row, col = _block_at(lookup, node, stride)
+    return int64(levels[row, col])
 
 
 @inlined
@@ -220,11 +226,9 @@ def first_regions(probability, lookup, grid, links, ends, rule, memory, walk, ma
     quantise(probability, levels)
     most = LEVELS - 1
     if rule.touching:  # by the cells' own blocks: those of `ends` may be their neighbours
-        from_row = lookup.row_block[ends.start // stride - 1]
-        from_col = lookup.col_block[ends.start % stride - 1]
-        to_row = lookup.row_block[ends.goal // stride - 1]
-        to_col = lookup.col_block[ends.goal % stride - 1]
-        most = adaptive_threshold(memory, from_row, from_col, to_row, to_col)
+        start = _block_at(lookup, ends.start, stride)
+        goal = _block_at(lookup, ends.goal, stride)
+        most = adaptive_threshold(memory, *start, *goal)
     td = _walkable_threshold(levels, lookup, grid, links, ends, most, named.heads, walk, until)
     fill_region(levels, max(td, 0), *blocks, marks.stamp, 0, marks.at_td)
     if td > 0:

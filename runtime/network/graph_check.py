@@ -94,19 +94,13 @@ def _fields(message: memoryview) -> Iterator[tuple[int, memoryview]]:
     at = 0
     end = len(message)
     while at < end:
-        key = message[at]
-        at = at + 1
-        if key > 127:
-            key, at = _varint(message, at - 1)
+        key, at = _varint(message, at)
         kind = key & 7
         start = at
         if kind == _VARINT:
             _, at = _varint(message, at)
         elif kind == _LENGTH:
-            length = message[at]
-            start = at + 1
-            if length > 127:
-                length, start = _varint(message, at)
+            length, start = _varint(message, at)
             at = start + length
         elif kind in (_EIGHT_BYTES, _FOUR_BYTES):
             at += 8 if kind == _EIGHT_BYTES else 4

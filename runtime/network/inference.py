@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from nnpp_edge.runtime.arguments import checked
-from nnpp_edge.runtime.arrays import Float2D, Planes
+from nnpp_edge.runtime.arrays import Float2D, Planes, in_blocks
 from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.network.encoding import Point, encode_gaussian
 from nnpp_edge.runtime.network.loading import ASK, OUTPUT, PLACES, LoadedModel, opened
@@ -71,8 +71,7 @@ class NetworkModel:
             self.inputs["input"][0, 0] = planes[0]
             return
         _, channels, side, _ = self.inputs["map"].shape
-        n = planes.shape[1] // side
-        parts = planes.reshape(2, side, n, side, n).transpose(0, 2, 4, 1, 3)
+        parts = in_blocks(planes, planes.shape[1] // side).transpose(0, 2, 4, 1, 3)
         self.inputs["map"][0] = parts.reshape(channels, side, side)
 
     def answer(self, start: Point, goal: Point, *, anew: bool = False) -> Float2D:

@@ -156,12 +156,13 @@ def _load(path: Path, key: Key) -> LoadedModel:
     with refused_as(
         ModelError, f"{path}: wanted an ONNX model, got one that does not fit its metadata"
     ):
-        found = {"inputs": (inputs, session.get_inputs())}
-        found["outputs"] = (outputs, session.get_outputs())
-        for kind, (wanted, values) in found.items():
-            got = {value.name: tuple(value.shape) for value in values}
-            if got != wanted:
-                raise ModelError(f"{path}: wanted {kind} {wanted} by its metadata, got {got}")
+        values = [*session.get_inputs(), *session.get_outputs()]
+        wanted = inputs | outputs
+        got = {value.name: tuple(value.shape) for value in values}
+        if got != wanted:
+            raise ModelError(
+                f"{path}: wanted inputs and outputs {wanted} by its metadata, got {got}"
+            )
         head = None
         if metadata.encoding == "ends":
             head = _checked_head(path, session, metadata, inputs)

@@ -6,6 +6,8 @@ multiplications, less than a call of onnxruntime costs, so they are done here. T
 the head too; both are compared at load.
 """
 
+import math
+
 import numpy as np
 
 from nnpp_edge.runtime.arrays import Planes
@@ -38,10 +40,11 @@ class PlaceHead:
     """
 
     def __init__(self, parameters: Planes, sizes: tuple[int, ...], side: int) -> None:
-        relation, *units = sizes
-        self._parameters = parameters
-        self._units = tuple(units)
-        self._places: Planes = np.zeros((side * side, 2 * relation), np.float32)
+        shapes = parameter_shapes(sizes)
+        ends = np.cumsum([math.prod(shape) for shape in shapes])
+        parts = np.split(parameters, ends[:-1])
+        self._matrices = tuple(map(np.reshape, parts, shapes))
+        self._places: Planes = np.zeros((side * side, 2 * sizes[0]), np.float32)
 
     def describe(self, places: Planes) -> None:
         """Take over the encoder's two descriptions of each place: (1, 2R, P, P) float32."""
@@ -51,6 +54,6 @@ class PlaceHead:
         """Probabilities, (2P, 2P) float32, into `out`, and into `query` what
         `encode_ends` writes.
         """
-        state = self._places, query, self._parameters, self._units
         ends = (*start, *goal)
-        answer_ends(ends, float(QUERY_SPACING), sigma, *state, out)
+        spacing = float(QUERY_SPACING)
+        answer_ends(ends, spacing, sigma, self._places, query, self._matrices, out)

@@ -84,8 +84,7 @@ def encode_unseen(
         blocked,
         known,
     ]
-    for plane, values in zip(out, planes, strict=False):
-        np.multiply(values, known, out=plane, casting="same_kind")
+    out[: len(planes)] = np.stack(planes) * known
     cell = side_m / factor * tangent / 2.0
     constants = (
         float(limits.hard_slope_deg < math.inf),

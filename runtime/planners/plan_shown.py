@@ -29,8 +29,7 @@ def html_of(rows: Mapping[str, object], line: Line, region: Region | None) -> st
     """A table and, where there is matplotlib, a picture of a line (N, 2) over the region where it
     was found.
     """
-    cells = ((escape(name), escape(str(value))) for name, value in rows.items())
-    table = "".join(_ROW.format(*pair) for pair in cells)
+    table = "".join(_ROW.format(escape(name), escape(str(rows[name]))) for name in rows)
     picture = StringIO()
     try:
         if len(line) > 1:

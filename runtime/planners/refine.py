@@ -34,8 +34,8 @@ from nnpp_edge.runtime.planners.turns import curvatures, with_arcs
 from nnpp_edge.runtime.stopwatch import Work
 from nnpp_edge.runtime.tuning import ANY_ANGLE, WAY_POINT_SAVES
 
-_ROUNDER = (1.02, 1.1, 1.3)
-"""Radii of the arcs that are laid, over that asked for: way points on an arc turn a little sharper
+_ROUNDER = 1.02
+"""Radius of the arcs that are laid, over that asked for: way points on an arc turn a little sharper
 than it does.
 """
 _COARSER = (1.0, 8.0, 64.0)
@@ -92,8 +92,9 @@ class Refiner:
             reason = (
                 f"no line that turns with a radius of {wanted:g} m was found near the grid's path"
             )
-            names = plan.method, plan.source
-            found = Plan(Status.NO_PATH, *names, planner=plan.planner, reason=reason)
+            found = Plan(
+                Status.NO_PATH, plan.method, plan.source, planner=plan.planner, reason=reason
+            )
         else:
             along = self._state.along(line.points)
             found = replace(plan, waypoints=line.points, line_cost=line.cost, along=along)
@@ -110,18 +111,17 @@ class Refiner:
         """
         if len(path) < 2:
             return PricedLine(path.astype(np.float64), 0.0)
-        for coarser in _COARSER if radius else (1.0,):
+        for coarser in _COARSER:
             saves = WAY_POINT_SAVES * coarser
             line = PricedLine(
                 *freed(self._grid.packed, self._room, path, ANY_ANGLE, saves, deadline.at)
             )
             if not radius or self._turns(line.points, radius):
                 return line
-            for rounder in _ROUNDER:
-                rounded = with_arcs(line.points, rounder * radius)
-                if rounded is None or not self._turns(rounded, radius):
-                    continue
-                if (cost := self.cost(rounded)) < math.inf:
+            rounded = with_arcs(line.points, _ROUNDER * radius)
+            if rounded is not None and self._turns(rounded, radius):
+                cost = self.cost(rounded)
+                if cost < math.inf:
                     return PricedLine(rounded, cost)
         return None
 

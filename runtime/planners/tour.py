@@ -144,19 +144,20 @@ class _Legs:
         """From one stop, by its number, to another; InvalidQueryError for a place between that is
         none.
         """
+        if (begin, end) in self._made:
+            return self._made[begin, end]
         back = self._made.get((end, begin)) if self._symmetric else None
-        if (begin, end) not in self._made and back is not None and back.ok:
+        if back is not None and back.ok:
             along = None if back.along is None else back.along.back()
-            self._made[begin, end] = replace(back, path=back.path[::-1].copy(), along=along)
-        elif (begin, end) not in self._made:
+            plan = replace(back, path=back.path[::-1].copy(), along=along)
+        else:
             plan = self._plan(self._stops[begin], self._stops[end])
             at = begin if plan.status.startswith("START") else end
-            if (
-                plan.source is None and 0 < at < len(self._stops) - 1
-            ):  # of start and goal the status tells
+            # of start and goal the status tells
+            if plan.source is None and 0 < at < len(self._stops) - 1:
                 raise InvalidQueryError(f"via {at}, {self._stops[at]}, {in_words(plan.status)}")
-            self._made[begin, end] = plan
-        return self._made[begin, end]
+        self._made[begin, end] = plan
+        return plan
 
     def driven(self, order: Order, finish: Callable[[Plan], Plan]) -> list[Plan]:
         """Finished plans of the legs in this order, up to the first that has no path; a body sets

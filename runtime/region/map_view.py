@@ -53,11 +53,7 @@ class MapView:
         """
         self._shown = np.full_like(self.planes, np.inf)
         """The planes that the network saw last."""
-        self._counted = state.log.reader()
-        self._averaged = state.log.reader()
-        """Up to where changes are counted in the drift, and up to where they are averaged in the
-        planes.
-        """
+        self._changes = state.log.reader()
         self._drift = math.inf
         """Share of the window that has changed since the network saw it: by its cells or, where
         measured, planes.
@@ -79,10 +75,7 @@ class MapView:
 
         At the deadline OutOfTimeError: the next call goes on from there.
         """
-        for change in self._counted.read():
-            if change.rescaled or common(change.part, self.window):
-                cells = self._grid.cells if change.rescaled else change.cells
-                self._drift += cells / (self.window[2] * self.window[3])
+        self._read_changes()
         if (window := self._window_for(start, goal)) != self.window:
             self._show_window(window)
         if self._drift and self._differs(deadline):
@@ -93,6 +86,7 @@ class MapView:
 
     def refresh(self, deadline: Deadline = NEVER) -> None:
         """Show the network the window as it is now."""
+        self._read_changes()
         self._average_changes(deadline)
         self.network.set_map(self.planes)
         self._shown[:] = self.planes
@@ -108,11 +102,13 @@ class MapView:
         """
         if number not in self._level_lookups:
             factor = FACTOR**number
-            rows = np.minimum(np.arange(level.rows) * factor + factor // 2, self._grid.rows - 1)
-            cols = np.minimum(np.arange(level.cols) * factor + factor // 2, self._grid.cols - 1)
-            lookup = self.lookup[0][rows], self.lookup[1][cols]
-            inside = (each[each < self.blocks] for each in lookup)
-            self._level_lookups[number] = lookup, all((np.diff(each) <= 1).all() for each in inside)
+            rows, cols = (
+                blocks[np.minimum(np.arange(cells) * factor + factor // 2, len(blocks) - 1)]
+                for blocks, cells in zip(self.lookup, level.shape, strict=True)
+            )
+            inside = (each[each < self.blocks] for each in (rows, cols))
+            touching = all((np.diff(each) <= 1).all() for each in inside)
+            self._level_lookups[number] = (rows, cols), touching
         return self._level_lookups[number]
 
     def _show_window(self, window: Rectangle) -> None:
@@ -121,17 +117,17 @@ class MapView:
         row0, col0, rows, cols = window
         self.frame = Frame(rows, cols, self.size)
         # cells outside the window lie in the bitmap's last row or column
-        lookup = [np.full(cells, self.blocks, np.int32) for cells in self._grid.shape]
-        for whole, first, seen in zip(
-            lookup, (row0, col0), self.frame.lookup(self.blocks), strict=True
-        ):
-            whole[first : first + len(seen)] = seen
-        self.lookup: Lookup = (lookup[0], lookup[1])
+        of_rows, of_cols = self.frame.lookup(self.blocks)
+        rows_after = self._grid.rows - row0 - rows
+        cols_after = self._grid.cols - col0 - cols
+        self.lookup: Lookup = (
+            np.pad(of_rows, (row0, rows_after), constant_values=self.blocks),
+            np.pad(of_cols, (col0, cols_after), constant_values=self.blocks),
+        )
         """The block that each row and column of the map lies in."""
         self._level_lookups: dict[int, tuple[Lookup, bool]] = {}
         self._drift = math.inf
-        self._counted.skip()
-        self._averaged.skip()
+        self._changes.skip()
         self.planes[:] = 1.0
         self._stale = [(0, 0, rows, cols)]
         """Rectangles of the window that the planes are not of."""
@@ -146,14 +142,19 @@ class MapView:
             )
         return self._drift > self._unseen_change
 
-    def _average_changes(self, deadline: Deadline) -> None:
-        """Bring the planes up to date with the map."""
+    def _read_changes(self) -> None:
+        """Count what has changed in the window, and note what is to be averaged again."""
         row0, col0, rows, cols = self.window
-        for change in self._averaged.read():
-            if change.rescaled:
-                self._stale.append((0, 0, rows, cols))
-            elif part := common(change.part, self.window):
+        for change in self._changes.read():
+            part = self.window if change.rescaled else common(change.part, self.window)
+            if part is not None:
+                cells = self._grid.cells if change.rescaled else change.cells
+                self._drift += cells / (rows * cols)
                 self._stale.append((part[0] - row0, part[1] - col0, *part[2:]))
+
+    def _average_changes(self, deadline: Deadline) -> None:
+        """Bring the planes up to date with the map, as far as its changes were read."""
+        row0, col0, _, _ = self.window
         while self._stale:
             deadline.check()
             row, col, rows, cols = self._stale[-1]
