@@ -16,7 +16,6 @@ from nnpp_edge.runtime.planners.plan import DynamicMethod, Method
 from nnpp_edge.runtime.planners.tour import tour
 from nnpp_edge.runtime.region.map_view import MapView
 from nnpp_edge.terrain.synthetic import fractal
-from tests.strategies import flat
 
 ROVER = Vehicle(length_m=3.0, width_m=2.4, clearance_m=0.8)
 DISC = Vehicle(radius_m=1.3)
@@ -103,17 +102,6 @@ def test_dstar_searches_on_where_it_was_broken_off(kind):
     planner.set_goal((100, 100))
     assert ask(planner, None, 0.0).status is Status.TIMEOUT
     assert ask(planner, None).ok
-
-
-def test_no_path_has_a_reason_of_its_own():
-    cost = flat(300, 200, 0.3)
-    cost[100] = 1.0
-    moving = DynamicPlanner(cost, (290, 190))
-    moving.move((5, 5))
-    assert moving.replan().reason == "no path exists on the known map"
-    moving.update(100, 50, flat(1, 3, 0.3))
-    plan = moving.replan()
-    assert plan.reason == "" and plan.choice
 
 
 def test_coarse_levels_are_made_in_stripes_and_are_those_made_at_once():

@@ -60,8 +60,8 @@ def static_planner(network, seed=3):
     """A planner, and the question that its methods are asked."""
     planner = Planner(rough(seed), model=network)
 
-    def plan(method, start):
-        return planner.plan(start, GOAL, method=method, keep_regions=True)
+    def plan(method, start, keep=True):
+        return planner.plan(start, GOAL, method=method, keep_regions=keep)
 
     return planner, plan
 
@@ -71,9 +71,9 @@ def dynamic_planner(network, seed=3):
     planner = DynamicPlanner(rough(seed), GOAL, "auto", model=network)
     planner.prepare()
 
-    def plan(method, start):
+    def plan(method, start, keep=True):
         planner.move(start)
-        return planner.replan(method=method, keep_regions=True)
+        return planner.replan(method=method, keep_regions=keep)
 
     return planner, plan
 
@@ -123,7 +123,7 @@ def test_what_is_written_into_a_plans_arrays_reaches_no_planner(shared_network, 
 
 @pytest.mark.parametrize("make", [static_planner, dynamic_planner])
 def test_regions_are_kept_only_when_asked_for(network, make):
-    planner, plan = make(network)
+    _, plan = make(network)
     for method, has_region, by_network in (
         ("astar", False, False),
         ("corridor", True, False),
@@ -139,10 +139,7 @@ def test_regions_are_kept_only_when_asked_for(network, make):
             assert found.region.mask()[tuple(found.path.T)].all()
         if by_network:
             assert found.network_region.mask()[tuple(np.array([START, GOAL]).T)].all()
-        static = isinstance(planner, Planner)
-        plain = (
-            planner.plan(START, GOAL, method=method) if static else planner.replan(method=method)
-        )
+        plain = plan(method, START, keep=False)
         assert (plain.region, plain.network_region) == (None, None)
         np.testing.assert_array_equal(plain.path, found.path)
 
@@ -172,16 +169,13 @@ def test_planners_that_share_a_network_answer_in_turns_as_those_with_one_of_thei
 )
 def test_a_copy_of_a_planner_answers_alike_and_goes_its_own_way(copied):
     planner, plan = static_planner("edge")
-    methods = ("nnpp", "corridor", "astar")
     planner.update(20, 20, np.ones((30, 3)))
-    before = [plan(method, START) for method in methods]
+    wanted = plan("nnpp", START)
     other = copied(planner)
-    for method, wanted in zip(methods, before, strict=True):
-        again = other.plan(START, GOAL, method=method)
-        assert (again.cost, again.lower_bound) == (wanted.cost, wanted.lower_bound)
-        assert np.array_equal(again.path, wanted.path)
+    again = other.plan(START, GOAL, method="nnpp")
+    assert (again.cost, facts(again.path)) == (wanted.cost, facts(wanted.path))
     assert other.update(0, 0, np.ones((SHAPE[0], 2))) == 2 * SHAPE[0]
-    assert np.array_equal(plan("astar", START).path, before[-1].path)
+    assert facts(plan("nnpp", START).path) == facts(wanted.path)
 
 
 def told_by(plan):
