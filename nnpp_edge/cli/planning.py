@@ -336,7 +336,7 @@ def _around(dem: Dem, limits: Traversability, cell: Cell) -> Near:
 
 def _on_the_ground(plan: Plan, ground: Ground) -> Plan:
     """The plan with the numbers along its way."""
-    assert ground.elevation is not None and ground.mobility is not None
+    assert ground.elevation is not None
     return replace(
         plan,
         along=Along.of(plan.line, ground.elevation, ground.sides_m, ground.mobility, plan.along),

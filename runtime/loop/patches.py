@@ -45,7 +45,7 @@ class Patches:
     def __init__(self, state: MapState) -> None:
         self._shape = state.shape
         self._model = state.grid.model
-        self._takes_heights = state.has_heights
+        self._takes_heights = state.heights is not None
         self._lock = threading.Lock()
         self._layers: dict[bool, list[Waiting]] = {True: [], False: []}
         """Of heights, and of costs."""

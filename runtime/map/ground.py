@@ -170,11 +170,6 @@ class Ground:
         return self.vehicle and self.vehicle.as_body
 
     @property
-    def radius_m(self) -> float | None:
-        """Of a disc; None for a point or a body."""
-        return None if self.vehicle is None else self.vehicle.radius_m
-
-    @property
     def limits(self) -> "Traversability":
         """By what cells are priced, and which are impassable; with a body none is, as its own
         limits decide.
