@@ -237,7 +237,6 @@ def plan_by_windows(
         "--refine": "refine" in query,
         "--start-heading, --goal-heading": any(name.endswith("_deg") for name in query),
         "--resample": robot.resample is not None,
-        "--layer": robot.layer,
     }
     if wrong := [name for name, asked in unfit.items() if asked]:
         raise InvalidQueryError(
