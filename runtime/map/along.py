@@ -75,7 +75,7 @@ class Along:
         """
         places = crossings(line) if like is None else like.places
         return cls(
-            places, heights_at(heights, places), sides_m, mobility or _ON_FOOT, like and like.walker
+            places, heights_at(heights, places), sides_m, mobility or _ON_FOOT, like.walker if like else None
         )
 
     def back(self) -> "Along":
