@@ -170,7 +170,7 @@ class Kind(NamedTuple):
     key: str
     """The value of `Vehicle` without which it is none."""
     robot: str
-    """``module:function`` of (state): the `Robot` on a `MapState` that is being made."""
+    """``module:function`` of (state, vehicle, sides_m): its `Robot` on a `MapState` being made."""
     values: tuple[str, ...] = ()
     """What else it may have; empty for everything."""
     by_heights: bool = True

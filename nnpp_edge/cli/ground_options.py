@@ -224,12 +224,6 @@ class GroundOptions(VehicleOptions, TerrainOptions):
     """A map, and who drives on it at what cost."""
 
     resample: Resample = None
-    layer: Annotated[
-        tuple[str, ...],
-        MANY,
-        {"metavar": "NAME=FILE", "hidden": not LAYER_TERMS},
-        "Map of a further term of the cost, with the same cells. May be repeated.",
-    ] = ()
 
     def read(self, path: Path) -> "Dem":
         """As `TerrainOptions.read`; a warning says where cells of the file lie on a map that was
@@ -273,7 +267,6 @@ class GroundOptions(VehicleOptions, TerrainOptions):
         from nnpp_edge.runtime.map.ground import Ground
 
         factor, prior = blocks or Blocks(1)
-        files = [each.partition("=") for each in self.layer]
         if factor == 1:
             self.warn_if_coarse(dem)
         return Ground.of_coarse(
@@ -286,7 +279,6 @@ class GroundOptions(VehicleOptions, TerrainOptions):
             vehicle=self.body(),
             step_cost=self.step_cost,
             mobility=self.mobility(dem),
-            layers={name: self.read(Path(file)).elevation for name, _, file in files},
         )
 
     def warn_if_coarse(self, dem: "Dem") -> None:

@@ -15,7 +15,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime import Planner, Vehicle
+from nnpp_edge.runtime import Ground, Planner, Vehicle
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, nearest
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, NnppEdgeError, Status
@@ -145,13 +145,18 @@ def _bytes(count: float) -> str:
 class Near(NamedTuple):
     """A part of a map, from its first cell on, and who drives there."""
 
-    place: Place
-    elevation: Float2D
+    place: Dem
     cost: Float2D
     limits: Traversability
     poses: Poses | None = None
     stance: Stance = Stance()
     origin: Cell = (0, 0)
+
+    @classmethod
+    def of(cls, dem: Dem, ground: Ground, cost: Float2D, planner: Planner) -> "Near":
+        """The whole of a map in memory."""
+        robot = planner.state.grid.robot
+        return cls(dem, cost, ground.limits, robot.moves.poses, robot.stance)
 
 
 def refuse_map(place: Place) -> NoReturn:
@@ -223,7 +228,7 @@ def _blocked(status: Status, cell: Cell, near: Near) -> str:
         if near.cost[at] < 1.0:
             return f"{end}: {near.stance.why_blocked(cell)}"
         sides = (near.place.cell_size_m, near.place.cell_width_m)
-        reason = why_impassable(near.elevation, at, sides, near.limits)
+        reason = why_impassable(near.place.elevation, at, sides, near.limits)
         passable = near.cost < 1.0
         where = "passable cell"
     else:

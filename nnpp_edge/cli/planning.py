@@ -134,9 +134,7 @@ def plan_in_memory(
     body = ground.vehicle
     planner_of = partial(Planner, **steps)
     planner = planner_of(ground.priced(cost), model=model)
-    robot_on_map = planner.state.grid.robot
-    standing = robot_on_map.moves.poses, robot_on_map.stance
-    near = Near(dem, dem.elevation, cost, limits, *standing)
+    near = Near.of(dem, ground, cost, planner)
     if len(goals) == 1 and (problem := problem_with(planner.state.grid, start, goals[0])):
         refuse(problem, start, goals[0], near)
     if "time_limit_s" in query:  # loading would use it up
@@ -239,7 +237,6 @@ def plan_by_windows(
         "--refine": "refine" in query,
         "--start-heading, --goal-heading": any(name.endswith("_deg") for name in query),
         "--resample": robot.resample is not None,
-        "--layer": robot.layer,
     }
     if wrong := [name for name, asked in unfit.items() if asked]:
         raise InvalidQueryError(
@@ -333,12 +330,12 @@ def _around(dem: Dem, limits: Traversability, cell: Cell) -> Near:
     row, col = np.clip(cell, 0, np.subtract(dem.shape, 1)).tolist()
     part = widened((row, col, 1, 1), (_AROUND, _AROUND), dem.shape)
     near = part_of(dem, part)
-    return Near(near, near.elevation, cost_of(near, limits), limits, origin=part[:2])
+    return Near(near, cost_of(near, limits), limits, origin=part[:2])
 
 
 def _on_the_ground(plan: Plan, ground: Ground) -> Plan:
     """The plan with the numbers along its way."""
-    assert ground.elevation is not None and ground.mobility is not None
+    assert ground.elevation is not None
     return replace(
         plan,
         along=Along.of(plan.line, ground.elevation, ground.sides_m, ground.mobility, plan.along),

@@ -112,7 +112,7 @@ def command(
 
     import numpy as np
 
-    from nnpp_edge.cli.maps import Near, chart_of, cost_of, refuse, size_in_words, size_of
+    from nnpp_edge.cli.maps import Near, chart_of, refuse, size_in_words, size_of
     from nnpp_edge.files import write_all
     from nnpp_edge.runtime import Planner
     from nnpp_edge.runtime.compiled.notice import told_if_slow
@@ -127,7 +127,7 @@ def command(
     cell = start.one_cell(terrain, "--start")
     with told_if_slow("costs of the map"):
         ground = robot.of(terrain)
-        cost = cost_of(terrain, ground.limits)
+        cost = ground.costs(warn=True)
     mobility = ground.mobility
     assert mobility is not None
     step_cost = "energy" if measure == "energy" else robot.step_cost

@@ -56,7 +56,7 @@ class SurveyedGround:
         bare = ground.elevation if bare is None else bare
         surveyed = bare.copy() if block <= 1 else _blurred(bare, block / 2.0)
         if not ground.by_costs:
-            if ground.radius_m is not None:
+            if ground.vehicle and not ground.body:
                 raise InvalidMapError(
                     "a disc drives by costs here: wanted step_cost='paper', or no vehicle"
                 )

@@ -3,7 +3,6 @@ user's own.
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import fields
 from importlib.resources import files
 from inspect import signature
 from pathlib import Path
@@ -86,7 +85,7 @@ def vehicle_of(values: Mapping[str, object], source: str) -> Vehicle:
     values = dict(values)
     if "mobility" in values:
         mobility_of(values.pop("mobility"), source)
-    _refuse_unknown(values, [field.name for field in fields(Vehicle)], source)
+    _refuse_unknown(values, Vehicle.__annotations__, source)
     on_cells = any(kind.key in values for kind in KINDS if kind.values)
     for name in () if on_cells else ("length_m", "width_m", "clearance_m"):
         if name not in values:

@@ -43,7 +43,7 @@ class Patches:
     def __init__(self, state: MapState) -> None:
         self._shape = state.shape
         self._model = state.grid.model
-        self._takes_heights = state.has_heights
+        self._takes_heights = state.heights is not None
         self._lock = threading.Lock()
         self._waiting: list[Waiting] = []
         self._cells = 0

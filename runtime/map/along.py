@@ -67,7 +67,7 @@ class Along:
         line: Line,
         heights: Heights,
         sides_m: Sides,
-        mobility: Mobility = ON_FOOT,
+        mobility: Mobility | None = None,
         like: "Along | None" = None,
     ) -> "Along":
         """A line over heights (H, W), metres, NaN where unknown; places and walker as of the line
@@ -75,7 +75,11 @@ class Along:
         """
         places = crossings(line) if like is None else like.places
         return cls(
-            places, heights_at(heights, places), sides_m, mobility, like.walker if like else None
+            places,
+            heights_at(heights, places),
+            sides_m,
+            mobility or ON_FOOT,
+            like.walker if like else None,
         )
 
     def back(self) -> "Along":

@@ -78,11 +78,9 @@ class Ground:
         if self.elevation is not None:
             if self.cell_size_m is None:
                 raise InvalidMapError("wanted cell_size_m, the side of a cell, with elevations")
-            terms = {term.words: getattr(self.limits, term.weight) for term in LAYER_TERMS}
-            counted = {name for name, weight in terms.items() if weight > 0.0}
-            if not counted <= self.layers.keys() <= terms.keys():
-                wanted = f"{', '.join(sorted(counted or terms)) or 'no layer'}"
-                raise InvalidMapError(f"wanted {wanted}, got layers of {', '.join(self.layers)}")
+            counted = [t.words for t in LAYER_TERMS if getattr(self.limits, t.weight) > 0.0]
+            if not self.layers.keys() >= {*counted}:
+                raise InvalidMapError(f"wanted layers of {counted}, got {[*self.layers]}")
             slope_cost = self.slope_cost  # refused now
             if self.vehicle is not None:
                 from nnpp_edge.runtime.robots.slope.cost import Mobility
@@ -168,11 +166,6 @@ class Ground:
     def body(self) -> "Vehicle | None":
         """The vehicle, if its poses decide where paths may go; None for a point or a disc."""
         return self.vehicle and self.vehicle.as_body
-
-    @property
-    def radius_m(self) -> float | None:
-        """Of a disc; None for a point or a body."""
-        return None if self.vehicle is None else self.vehicle.radius_m
 
     @property
     def limits(self) -> "Traversability":

@@ -60,10 +60,6 @@ class Heights(Lowest):
             if each.shape != ground.shape:
                 raise InvalidMapError(f"{name} must have {ground.shape} cells, got {each.shape}")
 
-    @property
-    def heights(self) -> "Heights":  # type: ignore[override]
-        return self
-
     def __getstate__(self) -> dict[str, object]:
         made = ("grid", "tiles")
         return {name: value for name, value in vars(self).items() if name not in made}

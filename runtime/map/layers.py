@@ -5,7 +5,7 @@ the layers and knows none by name but those that a user may ask for.
 """
 
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -14,9 +14,6 @@ from nnpp_edge.runtime.cells import Rectangle, slices
 from nnpp_edge.runtime.map.changes import Change
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.terrain.step_cost import StepModel
-
-if TYPE_CHECKING:
-    from nnpp_edge.runtime.map.heights import Heights
 
 Put = tuple[Change, Rectangle]
 """What weighs otherwise, and the rectangle of new numbers, of no rows without any."""
@@ -47,8 +44,6 @@ class Lowest(Layer):
     """The lowest layer, which makes the grid that the others change."""
 
     grid: Grid
-    heights: "Heights | None" = None
-    """The layer itself, where it is one of heights."""
 
     @abstractmethod
     def begin(self) -> Grid:

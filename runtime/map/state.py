@@ -29,6 +29,7 @@ from nnpp_edge.runtime.terrain.step_cost import PAPER_OMEGA, StepCost, StepModel
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.map.along import Along, Line
+    from nnpp_edge.runtime.map.heights import Heights
     from nnpp_edge.runtime.map.pyramid import Pyramid
 
 _MADE = ("grid", "point", "log", "_pyramid", "_unpooled")
@@ -49,7 +50,7 @@ class MapState:
         self.layers = {layer.name: layer for layer in layers}
         """By the name by which their patches come."""
         self._lowest: Lowest = layers[0]  # type: ignore[assignment]  # as for the class
-        self.heights = self._lowest.heights
+        self.heights: Heights | None = self.layers.get("heights")  # type: ignore[assignment]
         """The layer of heights; None on a map of costs."""
         self.unseen = None if self.heights is None else self.heights.unseen
         """Blocks that are known by their means; None where cells are known, or nothing."""
@@ -57,6 +58,7 @@ class MapState:
         """Whose path it is; None for a point."""
         self.sides_m = None if ground.cell_size_m is None else ground.sides_m
         """Height and width of a cell; None where it is not known."""
+        self._sides = ground.sides_m
         self._lazy = lazy
         self._limits = ground.limits
         self._mobility = ground.mobility
@@ -73,12 +75,12 @@ class MapState:
         """The robot's, and a point's: one, unless the robot's stance or price weighs cells anew."""
         robot = Robot()
         if self.vehicle is not None:
-            robot = resolve_name(self.vehicle.kind.robot)(self)
+            robot = resolve_name(self.vehicle.kind.robot)(self, self.vehicle, self._sides)
         self._put(robot, grid.model)
         if self._slope_cost is not None:
             from nnpp_edge.runtime.robots.slope.directed import price_of
 
-            price = price_of(self, self._slope_cost)
+            price = price_of(self, self._slope_cost, self._sides)
             robot = robot._replace(price=price)
             if price.edges() is None:
                 self._put(robot, StepModel.of(StepCost.LENGTH))
@@ -115,11 +117,6 @@ class MapState:
     def __setstate__(self, state: dict[str, object]) -> None:
         self.__dict__.update(state)
         self.begin_anew()
-
-    @property
-    def has_heights(self) -> bool:
-        """Whether the map was made from heights."""
-        return "heights" in self.layers
 
     @property
     def room(self) -> Packed | None:

@@ -13,6 +13,7 @@ from nnpp_edge.runtime.arrays import Bool
 from nnpp_edge.runtime.cells import Cell, Rectangle, Sides, slices, widened
 from nnpp_edge.runtime.kernels.records import Packed, Room
 from nnpp_edge.runtime.robots.robot import Robot, Stance
+from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.map.grid import Grid
@@ -55,8 +56,6 @@ class DiscStance(Stance):
         return "an obstacle or the map's edge lies within the vehicle's radius"
 
 
-def disc_on(state: "MapState") -> Robot:
+def disc_on(state: "MapState", vehicle: Vehicle, sides_m: Sides) -> Robot:
     """The robot of a disc."""
-    assert state.vehicle is not None and state.vehicle.radius_m is not None
-    assert state.sides_m is not None
-    return Robot(DiscStance(state.vehicle.radius_m, state.sides_m))
+    return Robot(DiscStance(vehicle.reach_m, sides_m))

@@ -14,9 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from nnpp_edge.runtime import DynamicPlanner, Goal, Ground, Navigator, Planner, Pose
-from nnpp_edge.runtime.kernels.records import Terms
 from nnpp_edge.runtime.kernels.traversability import RULE_SLOTS
-from nnpp_edge.runtime.options import TERMS
+from nnpp_edge.runtime.options import LAYER_TERMS, TERMS
 from nnpp_edge.runtime.terrain.traversability import (
     SaturationWarning,
     Traversability,
@@ -119,9 +118,9 @@ def test_a_steep_step_shuts_the_cells_on_both_its_sides_at_the_border_too(along)
 
 
 def test_every_term_has_its_place_in_the_kernels_and_its_limits():
-    names = [name for term in TERMS for name in (term.limit, term.weight, term.hard)]
+    names = [name for term in (*TERMS, *LAYER_TERMS) for name in term[2:]]
     fields = {field.name for field in dataclasses.fields(Traversability)}
-    assert len(TERMS) == len(Terms._fields) and len(Traversability().rule(1.0, 1.0)) == RULE_SLOTS
+    assert len(Traversability().rule(1.0, 1.0)) == RULE_SLOTS
     assert fields == {*names, "hard_gradient_deg"} and len(names) == len(set(names))
 
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from nnpp_edge.runtime.arrays import Bool, Cells, Floats
-from nnpp_edge.runtime.cells import Cell, Rectangle
+from nnpp_edge.runtime.cells import Cell, Rectangle, Sides
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.lattice import KNIGHT
@@ -36,6 +36,7 @@ from nnpp_edge.runtime.robots.robot import (
 from nnpp_edge.runtime.search.astar import Links, Query, Search, Spreading
 from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
+from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.runtime.tuning import (
     ARC_CORRIDOR,
     ARC_TURNS_IN_FIELD,
@@ -272,14 +273,13 @@ class ArcMoves(BodyMoves):
         return int(path[-1, 2]) % len(motions.LEGS)
 
 
-def body_on(state: "MapState") -> Robot:
+def body_on(state: "MapState", vehicle: Vehicle, sides_m: Sides) -> Robot:
     """The robot of a vehicle with a body, by its poses."""
-    vehicle = state.vehicle
     heights = state.heights
-    assert vehicle is not None and heights is not None and state.sides_m is not None
+    assert heights is not None
     whole = (0, 0, *state.shape)
     blocks = None if heights.unseen is None else heights.unseen.layers
-    place = (state.sides_m, vehicle, heights.limits.body_weights, state.grid.model.scale)
+    place = (sides_m, vehicle, heights.limits.body_weights, state.grid.model.scale)
     poses = Poses(heights.known(whole), *place, heights.shut(whole), blocks, heights.added(whole))
     moves = BodyMoves if vehicle.turning_radius_m is None else ArcMoves
     return Robot(BodyStance(poses), BodyPrice(poses), moves(poses))

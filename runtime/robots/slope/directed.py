@@ -279,11 +279,11 @@ class DirectedPrice(Price):
         self._greatest = max(dearest)
 
 
-def price_of(state: "MapState", model: SlopeCost) -> Price:
+def price_of(state: "MapState", model: SlopeCost, sides_m: Sides) -> Price:
     """What the steps of a map's robot cost by a model: by its cells, where these say it all."""
-    assert state.heights is not None and state.sides_m is not None
-    place = state.heights.array, state.sides_m, model
-    dy, dx = state.sides_m
+    assert state.heights is not None
+    place = state.heights.array, sides_m, model
+    dy, dx = sides_m
     if model.symmetric and dy == dx and state.grid.robot.moves.over == CELLS:
         return GroundPrice(*place, state.point)
     return DirectedPrice(*place, state.grid)
