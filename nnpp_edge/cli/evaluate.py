@@ -14,6 +14,7 @@ from nnpp_edge.cli.text import columns, table, tell
 from nnpp_edge.runtime.options import StepOptions
 
 if TYPE_CHECKING:
+    from nnpp_edge.profiling.rows import Facts
     from nnpp_edge.profiling.suites import Case
 
 _WORKLOADS = (
@@ -101,7 +102,7 @@ def command(
     nnpp-edge evaluate --terrain dem.tif --vehicle small-rover --workload body,body-rocks10
     """
     from nnpp_edge.profiling import suites
-    from nnpp_edge.profiling.evaluate import EAGER, evaluate
+    from nnpp_edge.profiling.evaluate import EAGER, evaluate, evaluated
     from nnpp_edge.profiling.rivals import controls, exact_and
     from nnpp_edge.progress import bar
     from nnpp_edge.runtime.network.inference import NetworkModel
@@ -155,10 +156,10 @@ def command(
             )
 
     runs = list(product(workloads, sizes))
-    rows: list[dict[str, str | float | None]] = []
+    rows: list[Facts] = []
     with bar("evaluate", queries * len(runs)) as advance:
         for at, (name, size) in enumerate(runs):
-            figures = evaluate(
+            answers = evaluate(
                 cases(name, size),
                 of_body if name in bodies else of_point,
                 queries,
@@ -166,7 +167,8 @@ def command(
                 fresh_map=fresh_map,
                 progress=lambda done, before=at * queries: advance(before + done),  # type: ignore[misc]
             )
-            rows += [{"workload": name + limits, "size": size, **row} for row in figures.values()]
+            place = {"workload": name + limits, "size": size}
+            rows += [place | row for row in evaluated(answers)]
     named = [name + limits for name in bodies]
     of_bodies_rows = [row for row in rows if row["workload"] in named]
     of_points = [row for row in rows if row["workload"] not in named]

@@ -15,7 +15,7 @@ from nnpp_edge.cli import options
 from nnpp_edge.cli.text import tell
 
 if TYPE_CHECKING:
-    from nnpp_edge.profiling.contest import Facts
+    from nnpp_edge.profiling.rows import Facts
 
 _FILES = ("report.json", "report.md", "board-row.md", "report.html")
 _PEERS_SIZES = (256, 512, 1024)

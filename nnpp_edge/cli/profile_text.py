@@ -4,10 +4,10 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 
 from nnpp_edge.cli.text import Columns, Row, aligned, columns, table
-from nnpp_edge.profiling.contest import Facts, Figures
 from nnpp_edge.profiling.figures import stages_of
 from nnpp_edge.profiling.inference import int8_in_words
 from nnpp_edge.profiling.judge import IN_WORDS, measured, place, wanted
+from nnpp_edge.profiling.rows import Facts
 from nnpp_edge.progress import MISSING, shown
 from nnpp_edge.runtime.errors import INSTALL
 
@@ -198,7 +198,7 @@ def comparison_text(comparison: Facts) -> str:
     return "\n".join(parts)
 
 
-def peers_text(rows: Sequence[Figures], missing: Sequence[str], *, markdown: bool = False) -> str:
+def peers_text(rows: Sequence[Facts], missing: Sequence[str], *, markdown: bool = False) -> str:
     """The rows beside other libraries: the table, what each planner minimises, and who was left
     out.
     """

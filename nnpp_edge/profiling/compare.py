@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple, cast
 
-from nnpp_edge.profiling.contest import PLACE, Facts
 from nnpp_edge.profiling.report import SCHEMA
+from nnpp_edge.profiling.rows import PLACE, Facts
 from nnpp_edge.progress import MISSING, markdown_table
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.reading import parse, read_text, refused_as

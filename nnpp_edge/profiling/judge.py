@@ -6,8 +6,9 @@ from dataclasses import dataclass, field
 
 from msgspec.structs import asdict, replace
 
-from nnpp_edge.profiling.contest import PLACE, Facts, Line
-from nnpp_edge.profiling.profile_file import LOOP, QUANTITIES, Budget, Profile
+from nnpp_edge.profiling.profile_file import LOOP, Budget, Profile
+from nnpp_edge.profiling.quantities import QUANTITIES
+from nnpp_edge.profiling.rows import PLACE, Facts, Line
 from nnpp_edge.profiling.sensors import Throttling
 from nnpp_edge.progress import shown, with_unit
 

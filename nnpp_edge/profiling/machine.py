@@ -16,7 +16,7 @@ from typing import TypeVar
 import numpy as np
 
 from nnpp_edge import __version__
-from nnpp_edge.profiling.contest import Facts
+from nnpp_edge.profiling.rows import Facts
 from nnpp_edge.profiling.sensors import Sensors, text_of
 
 ResultT = TypeVar("ResultT")

@@ -7,8 +7,8 @@ from datetime import UTC, datetime
 
 from nnpp_edge import __version__
 from nnpp_edge.profiling.arrivals import prior_ms
-from nnpp_edge.profiling.contest import Facts, Harness
-from nnpp_edge.profiling.figures import break_even, loop_rows, rows
+from nnpp_edge.profiling.contest import Harness
+from nnpp_edge.profiling.figures import break_even, loop_rows, results
 from nnpp_edge.profiling.judge import (
     MOST_DISTURBED,
     Noise,
@@ -21,8 +21,10 @@ from nnpp_edge.profiling.judge import (
 from nnpp_edge.profiling.machine import Disturbance, environment, pinned
 from nnpp_edge.profiling.measure import ProfileMaps, rivals_of, run
 from nnpp_edge.profiling.processes import peak_memory_mb, start_up
-from nnpp_edge.profiling.profile_file import LOOP, STARTS, SYNTHETIC, Profile
+from nnpp_edge.profiling.profile_file import LOOP, SYNTHETIC, Profile
+from nnpp_edge.profiling.quantities import STARTS
 from nnpp_edge.profiling.rivals import RivalPlanner
+from nnpp_edge.profiling.rows import Facts
 from nnpp_edge.profiling.sensors import Sensors, Throttling, sensor_facts, throttling
 from nnpp_edge.progress import Progress, ignore
 from nnpp_edge.runtime.options import STILL
@@ -59,16 +61,16 @@ def profile_machine(
         sensors = Sensors(cores)
         measured = run(profile, rivals, cores, sensors=sensors, progress=progress)
         whole_run = _whole_run(profile, rivals, starts, say)
-    results = rows(measured)
-    loop = loop_rows(measured, profile.loop)
+    rows = results(measured.answers)
+    loop = loop_rows(measured.reactions, profile.loop)
     if load.terrain != (SYNTHETIC,):
-        made = {row["size"] for row in results if row["terrain"] == SYNTHETIC}
+        made = {row["size"] for row in rows if row["terrain"] == SYNTHETIC}
         for size in sorted(made):
             said.append(f"no terrain has {size} × {size} cells: synthetic ground in its place")
     slowed = throttling(sensors.readings, sensors.limits)
     noise = _noise(measured.disturbance, slowed)
-    lines = judged(profile, results, whole_run, noise, loop)
-    of_points = [row for row in results if body_rocks(row["workload"]) is None]
+    lines = judged(profile, rows, whole_run, noise, loop)
+    of_points = [row for row in rows if body_rocks(row["workload"]) is None]
     ending = verdict(lines, noise)
     halves = []
     for half in measured.disturbance:
@@ -83,9 +85,9 @@ def profile_machine(
         "answers": answers(lines),
         "summary": summary(ending, lines, noise.words),
         "budgets": lines,
-        "results": results,
+        "results": rows,
         "loop": loop,
-        "break_even": break_even(of_points or results),
+        "break_even": break_even(of_points or rows),
         "disturbance": {"words": noise.words, "halves": halves},
         "sensors": sensor_facts(sensors.readings, sensors.limits),
         "besides": whole_run,

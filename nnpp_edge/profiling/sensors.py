@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nnpp_edge.profiling.contest import Facts
+from nnpp_edge.profiling.rows import Facts
 
 EVERY_S = 0.25
 """Between two readings."""

@@ -5,16 +5,18 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from nnpp_edge.profiling.rows import Rows
 from nnpp_edge.reproduction.episode import Patch
 from nnpp_edge.reproduction.planners import PLANNERS, OneMap
 from nnpp_edge.reproduction.regions import NETWORK, best_path
-from nnpp_edge.reproduction.rows import Rows
 from nnpp_edge.viz.figures import new_figure
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from nnpp_edge.reproduction.experiment import Context
 
 PAPER = "#7f7f7f"
 COLOURS = {name: f"C{at}" for at, name in enumerate((*PLANNERS, "inference"))}
@@ -63,13 +65,7 @@ def by_size(charts: Sequence[Panel]) -> "Figure":
         for name, style in chart.styles.items():
             groups = chart.rows.of(name).by("size")
             means = [of.mean(chart.figure) for of in groups.values()]
-            axes.plot(
-                list(groups),
-                means,
-                style,
-                color=COLOURS.get(name, PAPER),
-                label=name,
-            )
+            axes.plot(list(groups), means, style, color=COLOURS.get(name, PAPER), label=name)
         sizes = chart.rows.by("size")
         axes.set_xscale("log", base=2)
         axes.set_xticks(list(sizes), [f"{size}²" for size in sizes])
@@ -111,20 +107,21 @@ def frame(at: int) -> str:
     return ("T", "T + Δt")[at] if at < 2 else f"T + {at}Δt"
 
 
-def maps(lines: Sequence[Sequence[RegionPicture]]) -> "Figure":
-    """Lines of scenes, with a legend below."""
+def scenes(rows: Rows, context: "Context") -> "Figure":
+    """The lines of maps that an experiment has left, with a legend below."""
     from matplotlib.patches import Patch as Filled
 
+    lines = context.scenes
     columns = max(map(len, lines))
     figure = new_figure(2.6 * columns, 1.0 + 2.4 * len(lines))
     panels = figure.subplots(len(lines), columns, squeeze=False)
     legend: dict[str, Artist] = {}
-    for line, scenes in zip(panels, lines, strict=True):
-        for axes, scene in zip(line, scenes, strict=False):
+    for line, drawn in zip(panels, lines, strict=True):
+        for axes, scene in zip(line, drawn, strict=False):
             _draw(axes, scene)
             handles, labels = axes.get_legend_handles_labels()
             legend |= dict(zip(labels, handles, strict=True))
-        for axes in line[len(scenes) :]:
+        for axes in line[len(drawn) :]:
             axes.set_visible(False)
     legend["region"] = Filled(facecolor=tuple(0.35 * (1.0 - _TINT) + _TINT * _CYAN))
     figure.legend(

@@ -1,13 +1,14 @@
 """The paper's claims beside the measured figures, judged by plain rules."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
 
+from nnpp_edge.profiling.rows import Rows
 from nnpp_edge.reproduction.planners import CONTROLS_OF
-from nnpp_edge.reproduction.rows import Rows, percent
+from nnpp_edge.reproduction.table import percent
 
 
 class Verdict(StrEnum):
@@ -32,53 +33,65 @@ class Finding:
     controls: tuple[str, ...] = ()
     """Controls that meet the rule as well: then it says nothing about the network."""
 
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """Its line in a table."""
+        controls = ", ".join(self.controls) or "–"
+        return self.claim, self.paper, self.ours, self.rule, controls
+
 
 ENOUGH = 100
 """Queries from which on a verdict needs no interval."""
 SAMPLES = 200
 _PLACE = ("scene", "size")
-_NONE = Rows()
+Figure = Callable[[Rows], float]
 Rule = Callable[[Rows], bool]
 """Whether rows are as claimed."""
+
+
+def stated(
+    claim: str, paper: str, ours: str, rule: str, holds: object, *, better: bool = False
+) -> Finding:
+    """A finding that has no controls, and hangs on no few queries."""
+    met = Verdict.BETTER if better else Verdict.AGREES
+    return Finding(claim, paper, ours, rule, met if holds else Verdict.DIFFERS)
 
 
 def judge(
     claim: str,
     paper: str,
-    ours: str,
+    ours: str | Callable[[float], str],
     rule: str,
-    holds: bool | Rule,
-    rows: Rows = _NONE,
-    planner: str = "",
+    holds: Rule,
+    rows: Rows,
+    planner: str,
     *,
+    figure: Figure | None = None,
     better: bool = False,
-    figure: Callable[[Rows], float] | None = None,
-    shown: Callable[[float], str] = str,
 ) -> Finding:
-    """A finding: whether its rule holds, and, where it is a rule on `rows`, with which controls in
-    place of the planner's network it holds as well.
+    """A finding: whether its rule holds of the rows, and with which controls in place of the
+    planner's network it holds as well.
 
     Of few queries it is said whether they are enough: samples of them, drawn with replacement, must
-    nearly all give the same verdict. With a `figure` of the rows the interval of those is `shown`.
+    nearly all give the same verdict. With a `figure` of the rows `ours` writes it, and the interval
+    of the samples behind it.
     """
-    drawn = drawn_anew(rows) if callable(holds) else []
-    if drawn and figure is not None:
-        low, high = np.nanquantile([figure(each) for each in drawn], (0.025, 0.975))
-        ours += f" ({shown(low)} to {shown(high)})"
-    if callable(holds) and drawn:
-        agreed = np.mean([holds(each) for each in drawn])
-        if 0.025 < agreed < 0.975:
-            return Finding(claim, paper, ours, rule, Verdict.TOO_FEW)
-    verdict = Verdict.BETTER if better else Verdict.AGREES
-    earned = []
-    if callable(holds):
-        for kind, name in CONTROLS_OF.get(planner, {}).items():
-            if rows.of(name) and holds(with_control(rows, kind)):
-                earned.append(kind)
-        holds = holds(rows)
-    if not holds:
-        return Finding(claim, paper, ours, rule, Verdict.DIFFERS)
-    return Finding(claim, paper, ours, rule, verdict, tuple(earned))
+    drawn = drawn_anew(rows)
+    if figure is not None:
+        assert not isinstance(ours, str)
+        words = ours(figure(rows))
+        if drawn:
+            low, high = np.nanquantile([figure(each) for each in drawn], (0.025, 0.975))
+            words += f" ({ours(low)} to {ours(high)})"
+        ours = words
+    finding = stated(claim, paper, str(ours), rule, holds(rows), better=better)
+    if drawn and 0.025 < np.mean([holds(each) for each in drawn]) < 0.975:
+        return replace(finding, verdict=Verdict.TOO_FEW)
+    if finding.verdict is Verdict.DIFFERS:
+        return finding
+    controls = CONTROLS_OF.get(planner, {}).items()
+    earned = [kind for kind, name in controls if rows.of(name) and holds(with_control(rows, kind))]
+    return replace(finding, controls=tuple(earned))
 
 
 def drawn_anew(rows: Rows) -> list[Rows]:
@@ -123,7 +136,6 @@ def judge_speedup(
 
     With `near` a control counts where its CC increase is no more than a point above the network's.
     """
-    ours = rows.speedup(slow, fast)
     most = rows.increase(fast) + 0.01
 
     def holds(rows: Rows) -> bool:
@@ -133,14 +145,13 @@ def judge_speedup(
     return judge(
         claim,
         f"{theirs:.1f}×",
-        f"{ours:.3g}×",
+        "{:.3g}×".format,
         "within 25 % of the paper's",
         holds,
         rows,
         fast,
-        better=ours > 1.25 * theirs,
         figure=lambda rows: rows.speedup(slow, fast),
-        shown=lambda gain: f"{gain:.3g}×",
+        better=rows.speedup(slow, fast) > 1.25 * theirs,
     )
 
 
@@ -148,16 +159,14 @@ def judge_increase(claim: str, theirs: float, rows: Rows, planner: str) -> Findi
     """A finding on the share by which a planner's CC exceeds the optimum: theirs within one point,
     or less.
     """
-    ours = rows.increase(planner)
     return judge(
         claim,
         percent(theirs),
-        percent(ours, 2),
+        lambda share: percent(share, 2),
         "within one point",
         lambda rows: rows.increase(planner) <= theirs + 0.01,
         rows,
         planner,
-        better=ours < theirs - 0.01,
         figure=lambda rows: rows.increase(planner),
-        shown=lambda share: percent(share, 2),
+        better=rows.increase(planner) < theirs - 0.01,
     )

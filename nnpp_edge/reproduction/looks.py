@@ -4,14 +4,15 @@ import math
 from collections import defaultdict
 from collections.abc import Iterator
 
+from nnpp_edge.profiling.rows import Rows
 from nnpp_edge.profiling.suites import LEAST_DISTANCE, Case
 from nnpp_edge.reproduction import drawing
 from nnpp_edge.reproduction.drawing import RegionPicture
-from nnpp_edge.reproduction.experiment import Context, Result
+from nnpp_edge.reproduction.experiment import BOTH, Context, Experiment
 from nnpp_edge.reproduction.findings import Finding, judge
 from nnpp_edge.reproduction.planners import OneMap
 from nnpp_edge.reproduction.regions import NETWORK
-from nnpp_edge.reproduction.rows import Rows, percent
+from nnpp_edge.reproduction.table import percent
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -32,11 +33,11 @@ _MAPS = 40
 """Maps that are tried for one on which the goals can be reached and the obstacles leave a way."""
 
 
-def fig14(context: Context, *, size: int = 256, goals: int = 5) -> Result:
+def fig14(context: Context, *, size: int, goals: int) -> Rows:
     """One map: several goals from one start, then obstacles that move on the way to the first of
     them.
     """
-    size = context.one_size(size)
+    (size,) = context.fitting([size])
     for _, case, (start, goal) in context.maps([size], _MAPS):
         ends = _goals(case, start, goal)[:goals]
         moving = _moving(case.cost, start, goal)
@@ -62,12 +63,8 @@ def fig14(context: Context, *, size: int = 256, goals: int = 5) -> Result:
             rows.append({"part": part, "scene": name, **row, "common": float(common)})
         excess = percent(found.of(NETWORK).mean("excess"), 2)
         line.append(RegionPicture(f"{name}: {excess} above the optimum", here))
-    return Result(
-        rows,
-        ("part", "planner"),
-        fig14_findings(rows),
-        drawing.maps(list(lines.values())),
-    )
+    context.scenes.extend(lines.values())
+    return rows
 
 
 def _goals(case: Case, start: Cell, goal: Cell) -> list[Cell]:
@@ -130,3 +127,18 @@ def fig14_findings(rows: Rows) -> Iterator[Finding]:
         last,
         NETWORK,
     )
+
+
+EXPERIMENTS = {
+    "fig14": Experiment(
+        "Fig. 14 and 15",
+        "Other goals, and obstacles that move",
+        fig14,
+        ("part", "planner"),
+        fig14_findings,
+        drawing.scenes,
+        {"size": 256, "goals": 5},
+        {"size": 128, "goals": 3},
+        networks=BOTH[:1],
+    ),
+}

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from nnpp_edge.files import write_whole
-from nnpp_edge.profiling.contest import Facts
 from nnpp_edge.profiling.figures import stages_of
 from nnpp_edge.profiling.inference import int8_in_words
 from nnpp_edge.profiling.judge import IN_WORDS, measured, place, wanted
+from nnpp_edge.profiling.rows import Facts
 from nnpp_edge.progress import shown, with_unit
 from nnpp_edge.runtime.errors import optional_module
 
