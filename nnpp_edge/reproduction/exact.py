@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -108,67 +108,54 @@ def table1_findings(rows: Rows) -> Iterator[Finding]:
     )
 
 
-def fig7(context: Context, *, maps: int, size: int, fine: int, coarse: int) -> Rows:
+def fig7(context: Context, *, maps: int, size: int, fine: int, coarse: int) -> Iterator[Row]:
     """Sweep ω on many maps by exact A*: `fine` values up to 0.05, `coarse` ones from there to 0.2,
-    and 0; and the best ω of each map, by how length and CC are normalised.
+    and 0; and the best ω of each map, by how LEN and CC are normalised.
     """
     (size,) = context.fitting([size])
     up_to_005 = np.linspace(0.0, 0.05, fine + 1)
     omegas = np.r_[up_to_005, np.linspace(0.05, paper.OMEGA_MOST, coarse + 1)[1:]]
-    rows = Rows()
     harness = Harness()
     workspace = Workspace((size + 2) ** 2)
     for number, case, query in context.maps([size], maps):
+        lengths = []
+        ccs = []
+        times_s = []
         for omega in omegas.tolist():
             grid = Grid.of(case.cost, StepModel.of("paper", omega))
             time_s, found = harness.timed(partial(astar, grid, *query, workspace))
-            row: Row = {"map": number, "omega": omega}
-            row["length"] = grid.costs_of(found.path)[1]
+            lengths.append(grid.costs_of(found.path)[1])
             # by the map's own costs, as the grid's are all 0 at ω = 0
-            row["cc"] = float(case.cost[tuple(found.path.T)].sum(dtype=np.float64))
-            rows.append({**row, "time_s": time_s})
-    sweep = Sweep.of(rows)
-    for how, normal in (("by range", by_range), ("by greatest", by_greatest)):
-        best = best_omegas(omegas, normal(sweep.length) + normal(sweep.cc))
-        rows += [{"normalised": how, "best_omega": omega} for omega in best]
-    return rows
+            ccs.append(case.cost[tuple(found.path.T)].sum(dtype=np.float64))
+            times_s.append(time_s)
+        length = np.array(lengths)
+        cc = np.array(ccs)
+        figures = (omegas, length, cc, times_s, by_range(length), by_range(cc))
+        for row in np.transpose(figures).tolist():
+            yield {"map": number, **dict(zip(_SWEPT, row, strict=True))}
+        for how, normal in (("by range", by_range), ("by greatest", by_greatest)):
+            best = best_omega(omegas, normal(length) + normal(cc))
+            yield {"map": number, "normalised": how, "best_omega": best}
 
 
-class Sweep(NamedTuple):
-    """Length and CC of M maps at N values of ω, (M, N), and the median time at each."""
-
-    omegas: Floats
-    length: Floats
-    cc: Floats
-    typical_s: Floats
-
-    @classmethod
-    def of(cls, rows: Rows) -> "Sweep":
-        by_map = rows.having("omega").by("map").values()
-        length, cc, times_s = (
-            np.array([of.all(name) for of in by_map]) for name in ("length", "cc", "time_s")
-        )
-        omegas = np.unique(rows.all("omega"))
-        return cls(omegas, length, cc, np.median(times_s, axis=0))
+_SWEPT = ("omega", "length", "cc", "time_s", "length_of_range", "cc_of_range")
 
 
 def by_range(values: Floats) -> Floats:
-    """(M, N) brought to [0, 1] on each of M maps: least to 0, greatest to 1."""
-    return by_greatest(values - values.min(axis=1, keepdims=True))
+    """Brought to [0, 1]: least to 0, greatest to 1."""
+    return by_greatest(values - values.min())
 
 
 def by_greatest(values: Floats) -> Floats:
-    """(M, N) divided by the greatest of each map."""
-    unit: Floats = values / np.maximum(values.max(axis=1, keepdims=True), 1e-12)
+    """Divided by the greatest."""
+    unit: Floats = values / max(values.max(), 1e-12)
     return unit
 
 
-def best_omegas(omegas: Floats, total: Floats) -> list[float]:
-    """The ω of each of M maps at which LEN + CC, (M, N), is least; the middle one where several
-    are.
-    """
-    least = [np.flatnonzero(row <= row.min() + 1e-9) for row in total]
-    return [float(omegas[each[len(each) // 2]]) for each in least]
+def best_omega(omegas: Floats, total: Floats) -> float:
+    """The ω at which LEN + CC is least; the middle one where several are."""
+    least = np.flatnonzero(total <= total.min() + 1e-9)
+    return float(omegas[least[len(least) // 2]])
 
 
 def _best(rows: Rows) -> dict[str, list[float]]:
@@ -178,14 +165,7 @@ def _best(rows: Rows) -> dict[str, list[float]]:
 
 
 def fig7_findings(rows: Rows) -> Iterator[Finding]:
-    """Findings on the mean length and CC, by range, and the median time at each ω, and each map's
-    best ω.
-    """
-    sweep = Sweep.of(rows)
-    omegas = sweep.omegas
-    length = by_range(sweep.length).mean(0)
-    cc = by_range(sweep.cc).mean(0)
-    typical_s = sweep.typical_s
+    """Findings on the means at each ω, the median time there, and each map's best ω."""
     for how, found in _best(rows).items():
         yield stated(
             f"best ω per grey level, LEN and CC normalised {how}",
@@ -194,6 +174,11 @@ def fig7_findings(rows: Rows) -> Iterator[Finding]:
             "our mean lies within the paper's deviation",
             abs(np.mean(found) - paper.OMEGA) <= paper.OMEGA_DEVIATION,
         )
+    by_omega = rows.having("omega").by("omega")
+    omegas = np.array([*by_omega])
+    length = np.array([of.mean("length_of_range") for of in by_omega.values()])
+    cc = np.array([of.mean("cc_of_range") for of in by_omega.values()])
+    typical_s = np.array([np.median(of.all("time_s")) for of in by_omega.values()])
     middle = int(np.argmin(length + cc))
     yield stated(
         "some ω between the ends makes LEN + CC least",
@@ -202,11 +187,10 @@ def fig7_findings(rows: Rows) -> Iterator[Finding]:
         "neither the first nor the last ω",
         0 < middle < len(omegas) - 1,
     )
-    way = "LEN {:.2f} → {:.2f}, CC {:.2f} → {:.2f}"
     yield stated(
         "the greater ω, the longer the path and the smaller its CC",
         "yes",
-        way.format(length[0], length[-1], cc[0], cc[-1]),
+        f"LEN {length[0]:.2f} → {length[-1]:.2f}, CC {cc[0]:.2f} → {cc[-1]:.2f}",
         "no step goes the other way by over 0.02",
         np.diff(length).min() > -0.02 and np.diff(cc).max() < 0.02,
     )
@@ -225,38 +209,27 @@ def fig7_findings(rows: Rows) -> Iterator[Finding]:
 
 
 def _fig7_picture(rows: Rows, context: Context) -> "Figure":
-    """Length and CC by range, their sum beside the time, and the best ω of each map."""
-    sweep = Sweep.of(rows)
-    omegas = sweep.omegas
-    length = by_range(sweep.length)
-    cc = by_range(sweep.cc)
+    """Length, CC and time at each ω, and the best ω of each map."""
+    by_omega = rows.having("omega").by("omega")
     best = _best(rows)
     figure = new_figure(13, 4.2)
     left, middle, right = figure.subplots(1, 3)
-    for label, values in (("LEN", length), ("CC", cc)):
-        mean = values.mean(0)
-        deviation = values.std(0)
-        left.plot(omegas, mean, label=label)
-        left.fill_between(omegas, mean - deviation, mean + deviation, alpha=0.18, linewidth=0)
-    middle.plot(omegas, (length + cc).mean(0), label="LEN + CC")
-    label = "time of exact A*, median, over its longest"
-    middle.plot(omegas, sweep.typical_s / sweep.typical_s.max(), label=label)
+    for axes, names in ((left, ("length_of_range", "cc_of_range")), (middle, ("time_s",))):
+        for name in names:
+            middles, low, high = np.transpose(
+                [np.quantile(of.all(name), (0.5, 0.16, 0.84)) for of in by_omega.values()]
+            )
+            axes.plot([*by_omega], middles, label=name.removesuffix("_of_range"))
+            axes.fill_between([*by_omega], low, high, alpha=0.18, linewidth=0)
     labels = [f"{how}: {spread(found, 4)}" for how, found in best.items()]
     right.hist(list(best.values()), 20, label=labels)
-    least = paper.OMEGA - paper.OMEGA_DEVIATION
-    most = paper.OMEGA + paper.OMEGA_DEVIATION
     for axes, title in (
-        (left, "Normalised by range; mean ± deviation"),
-        (middle, "LEN + CC, and time"),
-        (right, f"Best ω of {len(length)} maps"),
+        (left, "LEN and CC, normalised by range: medians and two thirds of the maps"),
+        (middle, "Time of exact A*, seconds"),
+        (right, "Best ω of each map"),
     ):
-        axes.axvspan(
-            least,
-            most,
-            color=drawing.PAPER,
-            alpha=0.25,
-            label=f"paper: {_OMEGA}",
-        )
+        ends = (paper.OMEGA - paper.OMEGA_DEVIATION, paper.OMEGA + paper.OMEGA_DEVIATION)
+        axes.axvspan(*ends, color=drawing.PAPER, alpha=0.25, label=f"paper: {_OMEGA}")
         drawing.tidy(axes, title, "ω per grey level")
         axes.legend(fontsize="small")
     return figure
