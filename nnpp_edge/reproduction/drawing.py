@@ -9,6 +9,7 @@ from nnpp_edge.profiling.rows import Rows
 from nnpp_edge.reproduction.episode import Patch
 from nnpp_edge.reproduction.planners import PLANNERS, OneMap
 from nnpp_edge.reproduction.regions import NETWORK, best_path
+from nnpp_edge.runtime.arrays import Floats
 from nnpp_edge.viz.figures import new_figure
 
 if TYPE_CHECKING:
@@ -27,16 +28,25 @@ _CYAN = np.array([0.0, 0.9, 1.0])
 _TINT = 0.45
 
 
-class Panel(NamedTuple):
-    """A panel of means against the map's side."""
+class Curve(NamedTuple):
+    """Numbers, or names, along both axes of a panel."""
 
-    rows: Rows
-    figure: str
-    """Name of the figure that the rows have."""
-    styles: Mapping[str, str]
-    """By planner."""
+    x: Sequence[object] | Floats
+    y: Sequence[object] | Floats
+    style: str = "o-"
+    label: str = ""
+    colour: str | None = None
+
+
+class Panel(NamedTuple):
+    """A panel of a chart."""
+
     title: str
-    unit: str = ""
+    x: str
+    y: str
+    curves: Sequence[Curve]
+    log: str = ""
+    """The axes that are logarithmic."""
 
 
 class RegionPicture(NamedTuple):
@@ -50,56 +60,48 @@ class RegionPicture(NamedTuple):
     """Changes since then."""
 
 
-def tidy(axes: "Axes", title: str, x: str = "", y: str = "") -> None:
-    """Title, labels and a light grid."""
-    axes.set_title(title, fontsize="medium")
-    axes.set(xlabel=x, ylabel=y, axisbelow=True)
-    axes.grid(alpha=0.25)
-    axes.spines[["top", "right"]].set_visible(False)
-
-
-def by_size(charts: Sequence[Panel]) -> "Figure":
-    """Means against the map's side, a panel for each chart."""
-    figure = new_figure(5.8 * len(charts), 5.2)
-    for axes, chart in zip(figure.subplots(1, len(charts)), charts, strict=True):
-        for name, style in chart.styles.items():
-            groups = chart.rows.of(name).by("size")
-            means = [of.mean(chart.figure) for of in groups.values()]
-            axes.plot(list(groups), means, style, color=COLOURS.get(name, PAPER), label=name)
-        sizes = chart.rows.by("size")
-        axes.set_xscale("log", base=2)
-        axes.set_xticks(list(sizes), [f"{size}²" for size in sizes])
-        axes.minorticks_off()
-        axes.set_yscale("log")
-        tidy(axes, chart.title, "map", chart.unit)
-        axes.legend(
-            fontsize="small",
-            loc="upper center",
-            bbox_to_anchor=(0.5, -0.12),
-            ncols=3,
-            frameon=False,
-        )
+def chart(panels: Sequence[Panel], columns: int = 2) -> "Figure":
+    """Panels in lines of so many, each with its legend."""
+    lines = -(-len(panels) // columns)
+    figure = new_figure(5.8 * columns, 4.6 * lines)
+    for axes, panel in zip(
+        figure.subplots(lines, columns, squeeze=False).flat, panels, strict=True
+    ):
+        for x, y, style, label, colour in panel.curves:
+            axes.plot(x, y, style, color=colour, label=label or None, markersize=4)
+        axes.set_title(panel.title, fontsize="medium")
+        axes.set(xlabel=panel.x, ylabel=panel.y, axisbelow=True)
+        for axis in panel.log:
+            axes.set(**{f"{axis}scale": "log"})
+        axes.grid(alpha=0.25)
+        if any(curve.label for curve in panel.curves):
+            axes.legend(fontsize="small")
     return figure
 
 
-def bars(groups: Mapping[str, Rows]) -> "Figure":
-    """For each group the planners' mean times and their CC above that of exact A*, as bars."""
-    figure = new_figure(11, 4.4 * len(groups))
-    lines = figure.subplots(len(groups), 2, squeeze=False)
-    for (label, rows), (left, right) in zip(groups.items(), lines, strict=True):
-        planners = [name for name, of in rows.by("planner").items() if of.all("time_s")]
-        colours = [COLOURS.get(name, PAPER) for name in planners]
-        times_s = [rows.of(name).mean("time_s") for name in planners]
-        increases = [100.0 * rows.increase(name) for name in planners]
-        for axes, values, form in ((left, times_s, "%.3g"), (right, increases, "%.2f")):
-            bar = axes.barh(planners, values, color=colours)
-            axes.bar_label(bar, fmt=form, padding=3, fontsize="small")
-            axes.margins(x=0.2)
-            axes.invert_yaxis()
-        tidy(left, f"{label}: mean time", "seconds")
-        tidy(right, f"{label}: CC above that of exact A*", "%")
-        left.set_xscale("log")
-    return figure
+def by_size(rows: Rows, name: str, styles: Mapping[str, str], title: str, unit: str) -> Panel:
+    """Means of the planners' figures against the map's side."""
+    curves = []
+    for planner, style in styles.items():
+        groups = rows.of(planner).by("size")
+        means = [of.mean(name) for of in groups.values()]
+        curves.append(Curve([*groups], means, style, planner, COLOURS.get(planner, PAPER)))
+    return Panel(title, "side of the map, cells", unit, curves, "xy")
+
+
+def by_planner(groups: Mapping[object, Rows]) -> "Figure":
+    """For each group the planners' mean times and their CC above that of exact A*."""
+    panels = []
+    for label, rows in groups.items():
+        timed = rows.having("time_s").by("planner")
+        times_s = [of.mean("time_s") for of in timed.values()]
+        increases = [100.0 * of.increase() for of in timed.values()]
+        names = [*timed]
+        times = Curve(times_s, names, "o")
+        panels.append(Panel(f"{label}: mean time", "seconds", "", [times], "x"))
+        above = Curve(increases, names, "o")
+        panels.append(Panel(f"{label}: CC above that of exact A*", "%", "", [above]))
+    return chart(panels)
 
 
 def frame(at: int) -> str:

@@ -10,7 +10,7 @@ from nnpp_edge.profiling.contest import Harness
 from nnpp_edge.profiling.plain_astar import build_graph, search
 from nnpp_edge.profiling.rows import Row, Rows
 from nnpp_edge.reproduction import drawing, paper
-from nnpp_edge.reproduction.drawing import Panel
+from nnpp_edge.reproduction.drawing import Curve, Panel
 from nnpp_edge.reproduction.experiment import Context, Experiment
 from nnpp_edge.reproduction.findings import Finding, stated
 from nnpp_edge.reproduction.planners import PLAIN
@@ -22,7 +22,6 @@ from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.search.astar import astar
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.terrain.step_cost import StepModel
-from nnpp_edge.viz.figures import new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -49,12 +48,12 @@ def table1(context: Context, *, sizes: Sequence[int], maps: int) -> Iterator[Row
 def _table1_picture(rows: Rows, context: Context) -> "Figure":
     styles = {paper.ASTAR: "o--", PLAIN: "o-"}
     title = "Mean time of a query, the graph included"
-    return drawing.by_size(
-        [
-            Panel(rows, "time_s", styles, title, "seconds"),
-            Panel(rows, "graph_share", styles, "Share of the graph in the time"),
-        ]
-    )
+    share = "Share of the graph in the time"
+    panels = [
+        drawing.by_size(rows, "time_s", styles, title, "seconds"),
+        drawing.by_size(rows, "graph_share", styles, share, ""),
+    ]
+    return drawing.chart(panels)
 
 
 def _scaled(cost: Float2D, query: Endpoints, size: int) -> tuple[Float2D, Endpoints]:
@@ -118,27 +117,23 @@ def fig7(context: Context, *, maps: int, size: int, fine: int, coarse: int) -> I
     harness = Harness()
     workspace = Workspace((size + 2) ** 2)
     for number, case, query in context.maps([size], maps):
-        lengths = []
-        ccs = []
-        times_s = []
+        swept = Rows()
         for omega in omegas.tolist():
             grid = Grid.of(case.cost, StepModel.of("paper", omega))
             time_s, found = harness.timed(partial(astar, grid, *query, workspace))
-            lengths.append(grid.costs_of(found.path)[1])
+            row: Row = {"map": number, "omega": omega}
+            row["length"] = grid.costs_of(found.path)[1]
             # by the map's own costs, as the grid's are all 0 at ω = 0
-            ccs.append(case.cost[tuple(found.path.T)].sum(dtype=np.float64))
-            times_s.append(time_s)
-        length = np.array(lengths)
-        cc = np.array(ccs)
-        figures = (omegas, length, cc, times_s, by_range(length), by_range(cc))
-        for row in np.transpose(figures).tolist():
-            yield {"map": number, **dict(zip(_SWEPT, row, strict=True))}
+            row["cc"] = float(case.cost[tuple(found.path.T)].sum(dtype=np.float64))
+            swept.append({**row, "time_s": time_s})
+        length = np.array(swept.all("length"))
+        cc = np.array(swept.all("cc"))
+        shares = zip(by_range(length).tolist(), by_range(cc).tolist(), strict=True)
+        for row, (of_length, of_cc) in zip(swept, shares, strict=True):
+            yield row | {"length_of_range": of_length, "cc_of_range": of_cc}
         for how, normal in (("by range", by_range), ("by greatest", by_greatest)):
             best = best_omega(omegas, normal(length) + normal(cc))
             yield {"map": number, "normalised": how, "best_omega": best}
-
-
-_SWEPT = ("omega", "length", "cc", "time_s", "length_of_range", "cc_of_range")
 
 
 def by_range(values: Floats) -> Floats:
@@ -164,6 +159,16 @@ def _best(rows: Rows) -> dict[str, list[float]]:
     return {how: of.all("best_omega") for how, of in normalised.items()}
 
 
+def _curves(rows: Rows) -> Floats:
+    """(4, N): the values of ω, mean length and CC by range, and the median time at each."""
+    return np.transpose(
+        [
+            (omega, of.mean("length_of_range"), of.mean("cc_of_range"), np.median(of.all("time_s")))
+            for omega, of in rows.having("omega").by("omega").items()
+        ]
+    )
+
+
 def fig7_findings(rows: Rows) -> Iterator[Finding]:
     """Findings on the means at each ω, the median time there, and each map's best ω."""
     for how, found in _best(rows).items():
@@ -174,11 +179,7 @@ def fig7_findings(rows: Rows) -> Iterator[Finding]:
             "our mean lies within the paper's deviation",
             abs(np.mean(found) - paper.OMEGA) <= paper.OMEGA_DEVIATION,
         )
-    by_omega = rows.having("omega").by("omega")
-    omegas = np.array([*by_omega])
-    length = np.array([of.mean("length_of_range") for of in by_omega.values()])
-    cc = np.array([of.mean("cc_of_range") for of in by_omega.values()])
-    typical_s = np.array([np.median(of.all("time_s")) for of in by_omega.values()])
+    omegas, length, cc, typical_s = _curves(rows)
     middle = int(np.argmin(length + cc))
     yield stated(
         "some ω between the ends makes LEN + CC least",
@@ -209,30 +210,23 @@ def fig7_findings(rows: Rows) -> Iterator[Finding]:
 
 
 def _fig7_picture(rows: Rows, context: Context) -> "Figure":
-    """Length, CC and time at each ω, and the best ω of each map."""
-    by_omega = rows.having("omega").by("omega")
-    best = _best(rows)
-    figure = new_figure(13, 4.2)
-    left, middle, right = figure.subplots(1, 3)
-    for axes, names in ((left, ("length_of_range", "cc_of_range")), (middle, ("time_s",))):
-        for name in names:
-            middles, low, high = np.transpose(
-                [np.quantile(of.all(name), (0.5, 0.16, 0.84)) for of in by_omega.values()]
-            )
-            axes.plot([*by_omega], middles, label=name.removesuffix("_of_range"))
-            axes.fill_between([*by_omega], low, high, alpha=0.18, linewidth=0)
-    labels = [f"{how}: {spread(found, 4)}" for how, found in best.items()]
-    right.hist(list(best.values()), 20, label=labels)
-    for axes, title in (
-        (left, "LEN and CC, normalised by range: medians and two thirds of the maps"),
-        (middle, "Time of exact A*, seconds"),
-        (right, "Best ω of each map"),
-    ):
-        ends = (paper.OMEGA - paper.OMEGA_DEVIATION, paper.OMEGA + paper.OMEGA_DEVIATION)
-        axes.axvspan(*ends, color=drawing.PAPER, alpha=0.25, label=f"paper: {_OMEGA}")
-        drawing.tidy(axes, title, "ω per grey level")
-        axes.legend(fontsize="small")
-    return figure
+    """Mean length and CC and the median time at each ω, and each map's best ω."""
+    omegas, length, cc, typical_s = _curves(rows)
+    x = "ω per grey level"
+    both = [Curve(omegas, length, "-", "LEN"), Curve(omegas, cc, "-", "CC")]
+    both.append(Curve(omegas, length + cc, "-", "LEN + CC"))
+    best = [
+        Curve(sorted(found), range(1, len(found) + 1), "-", f"{how}: {spread(found, 4)}")
+        for how, found in _best(rows).items()
+    ]
+    ends = (paper.OMEGA - paper.OMEGA_DEVIATION, paper.OMEGA + paper.OMEGA_DEVIATION)
+    paper_s = Curve(ends, (0.0, 0.0), "|-", f"paper: {_OMEGA}", drawing.PAPER)
+    panels = [
+        Panel("LEN and CC, normalised by range", x, "", both),
+        Panel("Time of exact A*", x, "seconds", [Curve(omegas, typical_s, "-")]),
+        Panel("Maps whose best ω is no greater", x, "", [*best, paper_s]),
+    ]
+    return drawing.chart(panels, columns=3)
 
 
 EXPERIMENTS = {

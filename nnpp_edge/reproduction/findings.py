@@ -1,8 +1,11 @@
 """The paper's claims beside the measured figures, judged by plain rules."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -44,9 +47,30 @@ ENOUGH = 100
 """Queries from which on a verdict needs no interval."""
 SAMPLES = 200
 _PLACE = ("scene", "size")
-Figure = Callable[[Rows], float]
-Rule = Callable[[Rows], bool]
-"""Whether rows are as claimed."""
+ONE_POINT = 0.01
+WITHIN = "within one point"
+
+
+class Figure(NamedTuple):
+    """A figure of rows, and how it is written."""
+
+    of: Callable[[Rows], float]
+    written: Callable[[float], str]
+
+
+def speedup(slow: str, fast: str) -> Figure:
+    """Of one planner over another."""
+    return Figure(lambda rows: rows.speedup(slow, fast), "{:.3g}×".format)
+
+
+def increase(planner: str) -> Figure:
+    """Share by which a planner's CC exceeds the optimum."""
+    return Figure(lambda rows: rows.increase(planner), partial(percent, digits=2))
+
+
+def mean(name: str, planner: str, **values: object) -> Figure:
+    """Mean share of a planner's rows."""
+    return Figure(lambda rows: rows.of(planner, **values).mean(name), percent)
 
 
 def stated(
@@ -60,31 +84,38 @@ def stated(
 def judge(
     claim: str,
     paper: str,
-    ours: str | Callable[[float], str],
     rule: str,
-    holds: Rule,
+    figure: Figure,
     rows: Rows,
     planner: str,
     *,
-    figure: Figure | None = None,
-    better: bool = False,
+    least: float = -math.inf,
+    most: float = math.inf,
+    better_from: float = math.inf,
+    better_to: float = -math.inf,
+    also: Callable[[Rows], bool] = bool,
+    ours: str = "",
 ) -> Finding:
-    """A finding: whether its rule holds of the rows, and with which controls in place of the
-    planner's network it holds as well.
+    """A finding: whether a figure lies within limits, and with which controls in place of the
+    planner's network it does as well, where they are as good in what is `also` asked.
 
     Of few queries it is said whether they are enough: samples of them, drawn with replacement, must
-    nearly all give the same verdict. With a `figure` of the rows `ours` writes it, and the interval
-    of the samples behind it.
+    nearly all give the same verdict. What is `ours` is the figure, with the interval of the
+    samples, where no other words are given.
     """
+
+    def holds(rows: Rows) -> bool:
+        return least <= figure.of(rows) <= most and also(rows)
+
+    value = figure.of(rows)
     drawn = drawn_anew(rows)
-    if figure is not None:
-        assert not isinstance(ours, str)
-        words = ours(figure(rows))
+    if not ours:
+        ours = figure.written(value)
         if drawn:
-            low, high = np.nanquantile([figure(each) for each in drawn], (0.025, 0.975))
-            words += f" ({ours(low)} to {ours(high)})"
-        ours = words
-    finding = stated(claim, paper, str(ours), rule, holds(rows), better=better)
+            low, high = np.nanquantile([figure.of(each) for each in drawn], (0.025, 0.975))
+            ours += f" ({figure.written(low)} to {figure.written(high)})"
+    better = not better_to < value < better_from
+    finding = stated(claim, paper, ours, rule, holds(rows), better=better)
     if drawn and 0.025 < np.mean([holds(each) for each in drawn]) < 0.975:
         return replace(finding, verdict=Verdict.TOO_FEW)
     if finding.verdict is Verdict.DIFFERS:
@@ -124,34 +155,23 @@ def with_control(rows: Rows, kind: str) -> Rows:
 
 
 def judge_speedup(
-    claim: str,
-    theirs: float,
-    rows: Rows,
-    slow: str,
-    fast: str,
-    *,
-    near: bool = False,
+    claim: str, theirs: float, rows: Rows, slow: str, fast: str, *, near: bool = False
 ) -> Finding:
     """A finding on the speed-up of one planner over another: theirs within 25 %, or more.
 
     With `near` a control counts where its CC increase is no more than a point above the network's.
     """
     most = rows.increase(fast) + 0.01
-
-    def holds(rows: Rows) -> bool:
-        as_good = not near or rows.increase(fast) <= most
-        return as_good and rows.speedup(slow, fast) >= 0.75 * theirs
-
     return judge(
         claim,
         f"{theirs:.1f}×",
-        "{:.3g}×".format,
         "within 25 % of the paper's",
-        holds,
+        speedup(slow, fast),
         rows,
         fast,
-        figure=lambda rows: rows.speedup(slow, fast),
-        better=rows.speedup(slow, fast) > 1.25 * theirs,
+        least=0.75 * theirs,
+        better_from=1.25 * theirs,
+        also=lambda rows: not near or rows.increase(fast) <= most,
     )
 
 
@@ -159,14 +179,8 @@ def judge_increase(claim: str, theirs: float, rows: Rows, planner: str) -> Findi
     """A finding on the share by which a planner's CC exceeds the optimum: theirs within one point,
     or less.
     """
-    return judge(
-        claim,
-        percent(theirs),
-        lambda share: percent(share, 2),
-        "within one point",
-        lambda rows: rows.increase(planner) <= theirs + 0.01,
-        rows,
-        planner,
-        figure=lambda rows: rows.increase(planner),
-        better=rows.increase(planner) < theirs - 0.01,
-    )
+    most = theirs + ONE_POINT
+    least = theirs - ONE_POINT
+    figure = increase(planner)
+    paper = percent(theirs)
+    return judge(claim, paper, WITHIN, figure, rows, planner, most=most, better_to=least)

@@ -2,9 +2,10 @@
 of random maps.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import chain
+from operator import methodcaller
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,9 +14,19 @@ from nnpp_edge.profiling.contest import Harness
 from nnpp_edge.profiling.rows import Row, Rows
 from nnpp_edge.profiling.suites import LEAST_DISTANCE
 from nnpp_edge.reproduction import drawing, paper
-from nnpp_edge.reproduction.drawing import Panel, RegionPicture
+from nnpp_edge.reproduction.drawing import Curve, Panel, RegionPicture
 from nnpp_edge.reproduction.experiment import Context, Experiment
-from nnpp_edge.reproduction.findings import Finding, judge, judge_increase, judge_speedup, stated
+from nnpp_edge.reproduction.findings import (
+    ONE_POINT,
+    WITHIN,
+    Figure,
+    Finding,
+    judge,
+    judge_increase,
+    judge_speedup,
+    mean,
+    stated,
+)
 from nnpp_edge.reproduction.planners import (
     OURS,
     PLAIN,
@@ -25,10 +36,9 @@ from nnpp_edge.reproduction.planners import (
     OneMap,
 )
 from nnpp_edge.reproduction.table import percent
-from nnpp_edge.viz.figures import new_figure
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure as Picture
 
 _PAIRS = {
     (PLAIN, PLAIN_NN): "A*NN over A*, both plain",
@@ -75,7 +85,16 @@ def table2_findings(rows: Rows) -> Iterator[Finding]:
         if theirs := paper.TABLE_2.of(size=size):
             yield from _gains(of_size, theirs, where)
             success = theirs.of(paper.ASTAR_NN).mean("found")
-            yield _success(where, success, of_size)
+            yield judge(
+                f"{where}success of A*NN in its first region",
+                percent(success),
+                WITHIN,
+                mean("found", PLAIN_NN),
+                of_size,
+                PLAIN_NN,
+                least=success - ONE_POINT,
+                better_from=success + ONE_POINT,
+            )
         mean_s = {of_size.of(name).mean("time_s"): name for name in OURS}
         fastest = mean_s[min(mean_s)]
         yield stated(
@@ -103,22 +122,6 @@ def _gains(
         yield judge_increase(f"{where}CC increase of {label}", increase, rows, fast)
 
 
-def _success(where: str, theirs: float, rows: Rows) -> Finding:
-    def success(rows: Rows) -> float:
-        return rows.of(PLAIN_NN).mean("found")
-
-    return judge(
-        f"{where}success of A*NN in its first region",
-        percent(theirs),
-        percent(success(rows)),
-        "within one point",
-        lambda rows: success(rows) >= theirs - 0.01,
-        rows,
-        PLAIN_NN,
-        better=success(rows) - theirs > 0.01,
-    )
-
-
 def _growth(claim: str, rows: Rows) -> Iterator[Finding]:
     """Whether the network gains more on larger maps."""
     sizes = rows.by("size")
@@ -129,45 +132,47 @@ def _growth(claim: str, rows: Rows) -> Iterator[Finding]:
     known = paper.TABLE_2.speedups(paper.ASTAR, paper.ASTAR_NN)
     theirs = " → ".join(f"{known[size]:.1f}×" for size in (small, large) if size in known)
 
-    def grows(pair: tuple[str, str], rows: Rows) -> bool:
-        gains = rows.speedups(*pair)
-        return gains[large] > gains[small]
-
     for pair, label in _PAIRS.items():
         gains = rows.speedups(*pair)
         yield judge(
             f"{claim} ({label})",
             theirs or "yes",
-            ", ".join(f"{size}² {gain:.2f}×" for size, gain in gains.items()),
             f"more at {large}² than at {small}²",
-            partial(grows, pair),
+            _grown(methodcaller("speedup", *pair), small, large),
             rows,
             pair[1],
+            least=1.0,
+            ours=", ".join(f"{size}² {gain:.2f}×" for size, gain in gains.items()),
         )
 
 
-def _table2_picture(rows: Rows, context: Context) -> "Figure":
-    return drawing.bars({f"{size}²": of for size, of in rows.by("size").items()})
+def _grown(of: Callable[[Rows], float], small: int, large: int) -> Figure:
+    """A figure on the largest maps over that on the smallest."""
+
+    def grown(rows: Rows) -> float:
+        return of(rows.of(size=large)) / of(rows.of(size=small))
+
+    return Figure(grown, "{:.3g}×".format)
 
 
-def _fig9_picture(rows: Rows, context: Context) -> "Figure":
+def _table2_picture(rows: Rows, context: Context) -> "Picture":
+    return drawing.by_planner({f"{size}²": of for size, of in rows.by("size").items()})
+
+
+def _fig9_picture(rows: Rows, context: Context) -> "Picture":
     """Times, that of the inference among them, and MM against the map's side."""
     times = Rows(rows)
     for row in rows.of(PLAIN_NN):
         times.append({**row, "planner": "inference", "time_s": row["inference_s"]})
-    styles = {
-        paper.ASTAR: "o--",
-        paper.ASTAR_NN: "s:",
-        **dict.fromkeys(PLANNERS, "o-"),
-        "inference": "x-",
-    }
+    ours = dict.fromkeys((*PLANNERS, "inference"), "o-")
+    styles = {paper.ASTAR: "o--", paper.ASTAR_NN: "s:", **ours}
     narrow = dict.fromkeys((PLAIN_NN, "corridor", "nnpp"), "o-")
-    return drawing.by_size(
-        [
-            Panel(times, "time_s", styles, "Mean time of a query", "seconds"),
-            Panel(rows, "mm", narrow, "Mean MM", "path's cells / region's cells"),
-        ]
-    )
+    mm = ("mm", narrow, "Mean MM", "path's cells / region's cells")
+    panels = [
+        drawing.by_size(times, "time_s", styles, "Mean time of a query", "seconds"),
+        drawing.by_size(rows, *mm),
+    ]
+    return drawing.chart(panels)
 
 
 def fig9_findings(rows: Rows) -> Iterator[Finding]:
@@ -195,39 +200,37 @@ def fig9_findings(rows: Rows) -> Iterator[Finding]:
     if small == large:
         return
 
-    def mm(rows: Rows, size: int) -> float:
-        return rows.of(PLAIN_NN, size=size).mean("mm")
-
+    mm = mean("mm", PLAIN_NN).of
+    ends = (f"{size}² {mm(by_size[size]):.3f}" for size in (small, large))
     yield judge(
         "MM falls as the map grows",
         "yes",
-        f"{small}² {mm(rows, small):.3f}, {large}² {mm(rows, large):.3f}",
         f"less at {large}² than at {small}², plain A*NN",
-        lambda rows: mm(rows, large) < mm(rows, small),
+        _grown(mm, small, large),
         rows,
         PLAIN_NN,
+        most=1.0,
+        ours=", ".join(ends),
     )
 
 
-def _fig11_picture(rows: Rows, context: Context) -> "Figure":
+def _fig11_picture(rows: Rows, context: Context) -> "Picture":
     """Each query's time against the length of its path, with a line through those of a planner."""
-    figure = new_figure(11.5, 4.6)
-    panels = (
+    panels = []
+    for title, names in (
         ("Plain Python, a graph for each query", PLAIN_PLANNERS[:3]),
         ("This toolkit's planners", OURS),
-    )
-    for axes, (title, names) in zip(figure.subplots(1, 2), panels, strict=True):
+    ):
+        curves = []
         for name in names:
-            color = drawing.COLOURS[name]
             own = rows.of(name)
             cells = np.array(own.all("path_cells"))
-            times_s = np.array(own.all("time_s"))
             slope, offset, _ = _fit(own)
-            axes.scatter(cells, 1e3 * times_s, s=12, alpha=0.6, color=color)
-            axes.plot(cells, 1e3 * (offset + slope * cells), color=color, label=name)
-        drawing.tidy(axes, title, "cells of the optimal path", "time of a query, ms")
-        axes.legend(fontsize="small")
-    return figure
+            colour = drawing.COLOURS[name]
+            curves.append(Curve(cells, own.all("time_s"), ".", "", colour))
+            curves.append(Curve(cells, offset + slope * cells, "-", name, colour))
+        panels.append(Panel(title, "cells of the optimal path", "seconds", curves))
+    return drawing.chart(panels)
 
 
 def _fit(rows: Rows) -> tuple[float, float, float]:
@@ -261,26 +264,26 @@ def _slopes(rows: Rows, slow: str, fast: str) -> Iterator[Finding]:
     yield judge(
         f"it grows more slowly with the network {pair}",
         "yes",
-        f"{1e6 * _fit(rows.of(fast))[0]:.3g} µs a cell",
         "a smaller slope",
-        lambda rows: _fit(rows.of(fast))[0] < slope_s,
+        Figure(lambda rows: 1e6 * _fit(rows.of(fast))[0], "{:.3g} µs a cell".format),
         rows,
         fast,
+        most=1e6 * slope_s,
     )
-
-    def wins(rows: Rows) -> float:
-        """Share of the queries that the fast planner answers faster."""
-        return float(np.mean(np.less(rows.of(fast).all("time_s"), rows.of(slow).all("time_s"))))
-
     yield judge(
         f"the network's way is much the faster {pair}",
         "yes",
-        f"faster on {percent(wins(rows), 0)} of the queries",
         "on at least 90 %",
-        lambda rows: wins(rows) >= 0.9,
+        Figure(partial(_wins, slow, fast), "faster on {:.0%} of the queries".format),
         rows,
         fast,
+        least=0.9,
     )
+
+
+def _wins(slow: str, fast: str, rows: Rows) -> float:
+    """Share of the queries that the fast planner answers faster."""
+    return float(np.mean(np.less(rows.of(fast).all("time_s"), rows.of(slow).all("time_s"))))
 
 
 def fig12_findings(rows: Rows) -> Iterator[Finding]:
@@ -290,30 +293,27 @@ def fig12_findings(rows: Rows) -> Iterator[Finding]:
     own = rows.of(PLAIN_NN)
     mm = own.all("mm")
     known = theirs.all("mm")
-    most = own.increase() + 0.01
-
-    def as_narrow(rows: Rows) -> bool:
-        own = rows.of(PLAIN_NN)
-        return own.increase() <= most and own.mean("mm") >= min(known)
-
+    most = own.increase() + ONE_POINT
     yield judge(
         "MM of the network's region",
         f"{min(known):.2f} to {max(known):.2f}",
-        f"{min(mm):.3f} to {max(mm):.3f}",
         "our mean lies within the paper's range",
-        as_narrow,
+        mean("mm", PLAIN_NN),
         rows,
         PLAIN_NN,
-        better=own.mean("mm") > max(known),
+        least=min(known),
+        better_from=max(known),
+        also=lambda rows: rows.increase(PLAIN_NN) <= most,
+        ours=f"{min(mm):.3f} to {max(mm):.3f}",
     )
     yield judge(
         "the region is a small part of the map",
         "yes (Fig. 8)",
-        percent(own.mean("share")),
         "below 20 %",
-        lambda rows: rows.of(PLAIN_NN, found=1.0).mean("share") < 0.2,
+        mean("share", PLAIN_NN, found=1.0),
         rows,
         PLAIN_NN,
+        most=0.2,
     )
 
 
