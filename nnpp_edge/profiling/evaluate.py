@@ -1,14 +1,12 @@
 """Every planner on the same queries, in one interleaved run, judged by the exact optimum."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import product
 
-import numpy as np
-
 from nnpp_edge.outcome import outcome
 from nnpp_edge.profiling.contest import Harness, RivalCalls, answer
-from nnpp_edge.profiling.rivals import EXACT, FindsPlans, RivalPlanner
+from nnpp_edge.profiling.rivals import EXACT, FindsPlans, OnMap, RivalPlanner
 from nnpp_edge.profiling.rows import Facts, Row, Rows
 from nnpp_edge.profiling.suites import Case
 from nnpp_edge.progress import Progress, ignore
@@ -16,6 +14,7 @@ from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.exercises import exercise
 from nnpp_edge.runtime.kernels.poses import AXIS_COUNT
+from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.planners.plan import Plan, Source
 from nnpp_edge.runtime.robots.body.motions import all_motions
 
@@ -60,19 +59,35 @@ def evaluate(
     rows = Rows()
     done = in_vain = unsolvable = 0
     for case in cases:
-        on_map = _OnMap(case, rivals, fresh_map)
-        solvable = [query for query, plan in on_map.exact.items() if plan.ok]
-        unsolvable += len(on_map.exact) - len(solvable)
+        of_body = case.ground.vehicle is not None
+        on_map = OnMap(case, rivals, lazy=of_body)
+        exact = {query: on_map.plan(EXACT, query) for query in case.queries}
+        solvable = [query for query, plan in exact.items() if plan.ok]
+        unsolvable += len(exact) - len(solvable)
         in_vain = 0 if solvable else in_vain + 1
         if in_vain == _MAPS_WITHOUT_PATH:
             raise InvalidQueryError(
                 f"no query has a path on {in_vain} maps in a row of the workload {case.workload}"
             )
-        on_map.warm_up()
-        of_case = {"unsolvable": unsolvable, "poses": on_map.poses}
+        calls = dict(on_map.calls)
+        kept: list[FindsPlans] = []
+        for rival, lazy in product(rivals, [True] * (fresh_map or of_body) + [False] * fresh_map):
+            name = _FRESH + rival.name + EAGER * (not lazy)
+            calls[name] = partial(_from_elevations, rival.apart(), case.ground, lazy, kept)
+        for call in calls.values():  # outside the time that counts
+            call(case.queries[0])
+        of_case = {"unsolvable": unsolvable, "poses": _poses(case)}
         wanted = solvable[: queries - done]
-        for records in harness.measure(on_map.calls, wanted, repeats=repeats, after=on_map.forget):
-            rows += [of_case | row for row in on_map.judged(records)]
+        for records in harness.measure(
+            calls,
+            wanted,
+            repeats=repeats,
+            before=on_map.renew,
+            after=lambda *_, kept=kept: kept.clear(),
+        ):
+            for name, row in _judged(on_map, records, exact):
+                checks = row.get("checks", 0) / max(of_case["poses"], 1)
+                rows.append({"planner": name, **row, **of_case, "checks_share": checks})
             done += 1
             progress(done)
         if done >= queries:
@@ -114,96 +129,60 @@ def evaluated(rows: Rows) -> list[Facts]:
     return found
 
 
-class _OnMap:
-    """The rivals on the map of one case, as functions of a query."""
+def _poses(case: Case) -> int:
+    """Of a vehicle's body on the map; 0 of a point."""
+    body = case.ground.vehicle
+    if body is None:
+        return 0
+    motions = all_motions(body, case.ground.sides_m)
+    return int(motions.poses_of[2 * AXIS_COUNT]) * case.cost.size
 
-    def __init__(self, case: Case, rivals: Sequence[RivalPlanner], fresh_map: bool) -> None:
-        body = case.ground.vehicle
-        self._case = case
-        self._rivals = rivals
-        self.poses = 0
-        """Of a vehicle's body on the map; 0 of a point."""
-        if body is not None:
-            motions = all_motions(body, case.ground.sides_m)
-            self.poses = int(motions.poses_of[2 * AXIS_COUNT]) * case.cost.size
-        self._kept: FindsPlans | None = None
-        self.calls: dict[str, Callable[[Endpoints], Plan]] = {}
-        self._standing: dict[str, FindsPlans] = {}
-        for rival in rivals if body is None else ():
-            planner = rival.planner(case.standing, lazy=False)
-            self._standing[rival.name] = planner
-            self.calls[rival.name] = partial(rival.plan, planner)
-        # with a vehicle each answer is that of a planner that has checked no pose before
-        lazily = fresh_map or body is not None
-        for rival, lazy in product(rivals, [True] * lazily + [False] * fresh_map):
-            name = _FRESH + rival.name + EAGER * (not lazy)
-            self.calls[name] = partial(self._from_elevations, rival.apart(), lazy)
 
-        exact = next(rival for rival in rivals if rival.name == EXACT)
-        planner = self._planner(exact)
-        self.exact = {query: exact.plan(planner, query) for query in case.queries}
-        """Optima, and answers to queries without a path."""
+def _from_elevations(
+    rival: RivalPlanner, ground: Ground, lazy: bool, kept: list[FindsPlans], query: Endpoints
+) -> Plan:
+    """From elevations to the plan; the planner is kept, so that it ends after the clock."""
+    planner = rival.planner(ground, lazy=lazy)
+    kept.append(planner)
+    return rival.plan(planner, query)
 
-    def warm_up(self) -> None:
-        """Make each call once, outside the time that counts."""
-        for call in self.calls.values():
-            call(self._case.queries[0])
-            self.forget()
 
-    def forget(self, *_: object) -> None:
-        """Give a fresh map's planner back after a call, outside the time that counts."""
-        self._kept = None
+def _judged(
+    on_map: OnMap, records: Records, exact: Mapping[Endpoints, Plan]
+) -> Iterator[tuple[str, Row]]:
+    """Rows of what was measured on a query, by planner."""
+    eager = records.get(_FRESH + EXACT + EAGER)
+    eager_ms = None if eager is None else 1e3 * eager.median_s
+    query = records[EXACT].case
+    optimum = exact[query]
+    for name in on_map.calls:
+        on_map.renew(name)
+        plan = on_map.plan(name, query, keep_regions=True)
+        exact_ms = 1e3 * records[EXACT].median_s
+        own = answer(plan, 1e3 * records[name].median_s, optimum, exact_ms)
+        yield name, own | _searched(plan, optimum)
+        for key in (name, name + EAGER):
+            if record := records.get(_FRESH + key):
+                row = answer(record.results[0], 1e3 * record.median_s, optimum, eager_ms)
+                yield name, row | {"eager": key != name}
 
-    def _from_elevations(self, rival: RivalPlanner, lazy: bool, query: Endpoints) -> Plan:
-        """From elevations to the plan; the planner is kept until `forget`."""
-        self._kept = rival.planner(self._case.ground, lazy=lazy)
-        return rival.plan(self._kept, query)
 
-    def judged(self, records: Records) -> Iterator[Row]:
-        """Rows of what was measured on a query."""
-        exact_ms = self._own_ms(EXACT, records)
-        eager = records.get(_FRESH + EXACT + EAGER)
-        eager_ms = None if eager is None else 1e3 * eager.median_s
-        query = next(iter(records.values())).case
-        optimum = self.exact[query]
-        for rival in self._rivals:
-            name = rival.name
-            plan = rival.plan(self._planner(rival), query, keep_regions=True)
-            own = answer(plan, self._own_ms(name, records), optimum, exact_ms)
-            yield {"planner": name, **own, **self._searched(plan, optimum)}
-            for key in (name, name + EAGER):
-                if record := records.get(_FRESH + key):
-                    row = answer(record.results[0], 1e3 * record.median_s, optimum, eager_ms)
-                    yield {"planner": name, "eager": key != name, **row}
+def _searched(plan: Plan, optimum: Plan) -> Row:
+    """Cells and poses that a plan's search went over, its regions kept.
 
-    def _searched(self, plan: Plan, optimum: Plan) -> Row:
-        """Cells and poses that a plan's search went over, its regions kept.
-
-        MM is that of the region that was searched, where one was, and of the network's at the
-        threshold itself.
-        """
-        found: Row = {
-            "checks": plan.checks,
-            "checks_share": plan.checks / max(self.poses, 1),
-            "widened": plan.source is Source.WIDENED,
-            "whole_map": plan.source is Source.FALLBACK,
-            "region_share": 1.0,
-        }
-        beside = (plan.cost, optimum.cost, len(optimum.path))
-        if plan.region is not None:
-            searched = outcome(*beside, plan.region)
-            found["region_share"] = searched["share"]
-            found["mm"] = searched["mm"]
-        if plan.network_region is not None:
-            found["mm_network"] = outcome(*beside, plan.network_region)["mm"]
-        return found
-
-    def _own_ms(self, name: str, records: Records) -> float:
-        """An answer's time: with a vehicle without the making of the planner."""
-        if self._standing:
-            return 1e3 * records[name].median_s
-        plans = records[_FRESH + name].results
-        return float(np.median([plan.timings_ms.get("total", 0.0) for plan in plans]))
-
-    def _planner(self, rival: RivalPlanner) -> FindsPlans:
-        return self._standing[rival.name] if self._standing else rival.planner(self._case.ground)
+    MM is that of the region that was searched, where one was, and of the network's at the threshold
+    itself.
+    """
+    found: Row = {
+        "checks": plan.checks,
+        "widened": plan.source is Source.WIDENED,
+        "whole_map": plan.source is Source.FALLBACK,
+        "region_share": 1.0,
+    }
+    beside = (plan.cost, optimum.cost, len(optimum.path))
+    if plan.region is not None:
+        searched = outcome(*beside, plan.region)
+        found |= {"region_share": searched["share"], "mm": searched["mm"]}
+    if plan.network_region is not None:
+        found["mm_network"] = outcome(*beside, plan.network_region)["mm"]
+    return found

@@ -17,7 +17,7 @@ from nnpp_edge.profiling.inference import inference_ms
 from nnpp_edge.profiling.machine import Disturbance, EnergyMeter
 from nnpp_edge.profiling.plain_astar import build_graph, search
 from nnpp_edge.profiling.profile_file import PLANNERS, SAMPLE, Device, Load, Networks, Profile
-from nnpp_edge.profiling.rivals import EXACT, RivalPlanner
+from nnpp_edge.profiling.rivals import EXACT, OnMap, RivalPlanner
 from nnpp_edge.profiling.rows import Row, Rows
 from nnpp_edge.profiling.sensors import Sensors
 from nnpp_edge.profiling.suites import (
@@ -204,26 +204,22 @@ class _Session:
 
     def _answered(self, on_map: Case, queries: list[Endpoints]) -> list[dict[str, Row]]:
         """For each query a row for each planner."""
-        rivals = self._rivals
         disturbance = self._disturbance
-        planners = {name: rival.planner(on_map.standing) for name, rival in rivals.items()}
-        turns = on_map.ground.vehicle is not None
+        of_rivals = OnMap(on_map, self._rivals.values())
         networks = {
             name: rival.model
-            for name, rival in rivals.items()
-            if rival.method is Method.NNPP and rival.model is not None and not turns
+            for name, rival in self._rivals.items()
+            if rival.method is Method.NNPP and rival.model is not None
         }
+        if on_map.ground.vehicle is not None:  # where no network is used
+            networks.clear()
         energies_mj = defaultdict[str, list[float]](list)
         energy = self._meter.read()
         worked_s = 0.0
 
-        def answer_by(name: str, query: Endpoints) -> Plan:
-            return rivals[name].plan(planners[name], query)
-
         def before(name: str) -> None:
             nonlocal energy, worked_s
-            if turns:
-                planners[name] = rivals[name].planner(on_map.standing)
+            of_rivals.renew(name)
             if self._sensors is not None and self._sensors.due():
                 disturbance.left_out(self._sensors.read)
             energy = self._meter.read()
@@ -235,14 +231,13 @@ class _Session:
             if plan.method is Method.NNPP:  # this thread may have waited for threads of its own
                 disturbance.leave_out(elapsed_s, worked)
 
-        for name in rivals:
-            answer_by(name, queries[0])  # the map's own work, and warm caches
-        calls = {name: partial(answer_by, name) for name in rivals}
+        for call in of_rivals.calls.values():
+            call(queries[0])  # the map's own work, and warm caches
         repeats = self._profile.load.repeats
         found = []
         disturbance.start()
         for records in self._harness.measure(
-            calls, queries, repeats=repeats, before=before, after=after
+            of_rivals.calls, queries, repeats=repeats, before=before, after=after
         ):
             rows = {name: self._row(name, records) for name in records}
             for name, spent_mj in energies_mj.items():
