@@ -48,7 +48,8 @@ def find_episodes(context: Context, size: int, count: int) -> Iterator[tuple[int
     """So many numbered episodes on crops of the terrain."""
     (size,) = context.fitting([size])
     for number, case, query in context.maps([size], count, LEAST_DISTANCE):
-        yield number, make_episode(case.cost, *query, context.seed + number, stride_on(size))
+        seed = context.seed + number - 1
+        yield number, make_episode(case.cost, *query, seed, stride_on(size))
 
 
 def stride_on(size: int) -> int:
