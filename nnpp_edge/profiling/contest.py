@@ -116,6 +116,7 @@ def answer(plan: Plan, time_ms: float, optimum: Plan, exact_ms: float | None) ->
         "solved": float(plan.ok),
         "expansions": plan.expansions,
         "costs_computed": plan.costs_computed,
+        "checks": plan.checks,
     }
     if exact_ms is not None:
         found |= {"exact_ms": exact_ms, "speedup": exact_ms / time_ms}

@@ -174,7 +174,6 @@ def _searched(plan: Plan, optimum: Plan) -> Row:
     itself.
     """
     found: Row = {
-        "checks": plan.checks,
         "widened": plan.source is Source.WIDENED,
         "whole_map": plan.source is Source.FALLBACK,
         "region_share": 1.0,

@@ -199,12 +199,13 @@ def read_profile(name: str | Path) -> Profile:
 
 def overridden(profile: Profile, **changes: object) -> tuple[Profile, list[str]]:
     """The profile with another load, as options on the command line ask for; None changes nothing.
-    Also the names of the budgets that were left out because their size is no longer measured.
+    Also a note on the budgets that are left out because their size is no longer measured.
     """
     load = changed(profile.load, **changes)
-    kept = [each for each in profile.budgets if each.size in (None, *load.sizes)]
-    dropped = [each.name for each in profile.budgets if each not in kept]
-    return replace(profile, load=load, budgets=tuple(kept)), dropped
+    kept = tuple(each for each in profile.budgets if each.size in (None, *load.sizes))
+    dropped = ", ".join(each.name for each in profile.budgets if each not in kept)
+    notes = [f"left out, as their sizes are not measured: {dropped}"] if dropped else []
+    return replace(profile, load=load, budgets=kept), notes
 
 
 def _profile(content: Facts, name: str) -> Profile:
