@@ -25,7 +25,7 @@ from nnpp_edge.profiling.profile_file import LOOP, SYNTHETIC, Profile
 from nnpp_edge.profiling.quantities import STARTS
 from nnpp_edge.profiling.rivals import RivalPlanner
 from nnpp_edge.profiling.rows import Facts
-from nnpp_edge.profiling.sensors import Sensors, Throttling, sensor_facts, throttling
+from nnpp_edge.profiling.sensors import Sensors, Throttling
 from nnpp_edge.progress import Progress, ignore
 from nnpp_edge.runtime.options import STILL
 from nnpp_edge.terrain.workloads import body_rocks
@@ -67,8 +67,7 @@ def profile_machine(
         made = {row["size"] for row in rows if row["terrain"] == SYNTHETIC}
         for size in sorted(made):
             said.append(f"no terrain has {size} × {size} cells: synthetic ground in its place")
-    slowed = throttling(sensors.readings, sensors.limits)
-    noise = _noise(measured.disturbance, slowed)
+    noise = _noise(measured.disturbance, sensors.throttling())
     lines = judged(profile, rows, whole_run, noise, loop)
     of_points = [row for row in rows if body_rocks(row["workload"]) is None]
     ending = verdict(lines, noise)
@@ -89,7 +88,7 @@ def profile_machine(
         "loop": loop,
         "break_even": break_even(of_points or rows),
         "disturbance": {"words": noise.words, "halves": halves},
-        "sensors": sensor_facts(sensors.readings, sensors.limits),
+        "sensors": sensors.facts(),
         "besides": whole_run,
         "cores": cores,
         "environment": environment(cores),

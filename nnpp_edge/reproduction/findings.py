@@ -91,6 +91,8 @@ def judge(
     *,
     least: float = -math.inf,
     most: float = math.inf,
+    above: float = -math.inf,
+    below: float = math.inf,
     better_from: float = math.inf,
     better_to: float = -math.inf,
     also: Callable[[Rows], bool] = bool,
@@ -105,16 +107,16 @@ def judge(
     """
 
     def holds(rows: Rows) -> bool:
-        return least <= figure.of(rows) <= most and also(rows)
+        value = figure.of(rows)
+        return least <= value <= most and above < value < below and also(rows)
 
-    value = figure.of(rows)
     drawn = drawn_anew(rows)
     if not ours:
-        ours = figure.written(value)
+        ours = figure.written(figure.of(rows))
         if drawn:
             low, high = np.nanquantile([figure.of(each) for each in drawn], (0.025, 0.975))
             ours += f" ({figure.written(low)} to {figure.written(high)})"
-    better = not better_to < value < better_from
+    better = not better_to < figure.of(rows) < better_from
     finding = stated(claim, paper, ours, rule, holds(rows), better=better)
     if drawn and 0.025 < np.mean([holds(each) for each in drawn]) < 0.975:
         return replace(finding, verdict=Verdict.TOO_FEW)

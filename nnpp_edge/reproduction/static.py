@@ -141,7 +141,7 @@ def _growth(claim: str, rows: Rows) -> Iterator[Finding]:
             _grown(methodcaller("speedup", *pair), small, large),
             rows,
             pair[1],
-            least=1.0,
+            above=1.0,
             ours=", ".join(f"{size}² {gain:.2f}×" for size, gain in gains.items()),
         )
 
@@ -209,7 +209,7 @@ def fig9_findings(rows: Rows) -> Iterator[Finding]:
         _grown(mm, small, large),
         rows,
         PLAIN_NN,
-        most=1.0,
+        below=1.0,
         ours=", ".join(ends),
     )
 
@@ -268,7 +268,7 @@ def _slopes(rows: Rows, slow: str, fast: str) -> Iterator[Finding]:
         Figure(lambda rows: 1e6 * _fit(rows.of(fast))[0], "{:.3g} µs a cell".format),
         rows,
         fast,
-        most=1e6 * slope_s,
+        below=1e6 * slope_s,
     )
     yield judge(
         f"the network's way is much the faster {pair}",
@@ -313,7 +313,7 @@ def fig12_findings(rows: Rows) -> Iterator[Finding]:
         mean("share", PLAIN_NN, found=1.0),
         rows,
         PLAIN_NN,
-        most=0.2,
+        below=0.2,
     )
 
 
