@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 
 from nnpp_edge.cli.text import Columns, Row, aligned, columns, table
+from nnpp_edge.profiling.compare import machine_words
 from nnpp_edge.profiling.figures import stages_of
 from nnpp_edge.profiling.inference import int8_in_words
 from nnpp_edge.profiling.judge import IN_WORDS, measured, place, wanted
@@ -78,7 +79,7 @@ def report_text(report: Facts, *, markdown: bool = False) -> str:
         for title, rows, as_ in tables
         if rows
     ]
-    machine = {name: value for name, value in _machine(report) if value}
+    machine = _machine(report)
     if markdown:
         facts = [f"{name} {value}" for name, value in machine.items()]
         facts += [f"note {line}" for line in report["notes"]]
@@ -135,40 +136,20 @@ def _sentences(report: Facts) -> Iterator[str]:
         yield f"the onboard loop had no path after {lost} patches"
 
 
-def _machine(report: Facts) -> Iterator[tuple[str, str]]:
+def _machine(report: Facts) -> dict[str, str]:
     facts = report["environment"]
-    sensors = report["sensors"]
-    flags = ", ".join(facts["flags"]) or "none of note"
-    cores = ", ".join(map(str, report["cores"]))
-    yield "machine", f"{facts['cpu']} ({flags}), cores {cores}"
-    governor = ", ".join(facts["governor"] or ()) or MISSING
+    words = machine_words(report)
+    words["governor"] = ", ".join(facts["governor"] or ()) or MISSING
     load = " ".join(map(str, facts["load_average"]))
-    yield "system", f"governor {governor}, load {load} over 1, 5 and 15 minutes"
-    packages = [f"{name} {version or MISSING}" for name, version in facts["packages"].items()]
-    yield "packages", ", ".join(packages)
+    words["load"] = f"{load} over 1, 5 and 15 minutes"
     for key, name, unit in _WHOLE_RUN:
         by_planner = report["besides"].get(key) or {}
         figures = [f"{who} {shown(value)} {unit}" for who, value in by_planner.items()]
-        yield name, ", ".join(figures)
-    halves = report["disturbance"]["halves"]
-    taken = [max(half["waited_share"], half["others_share"] or 0.0) for half in halves]
-    shares = " and ".join(shown(share, ".1%") for share in taken)
-    yield "others took", f"{shares} of the halves of the run"
-    yield "clocks", _readings(sensors["clock_mhz"], "core ", "MHz", "limit")
-    yield "temperature", _readings(sensors["temperature_c"], "", "°C", "trip")
-    yield "throttled", sensors["throttled"]
-
-
-def _readings(found: dict[str, dict[str, float | None]], what: str, unit: str, limit: str) -> str:
-    """The range of each sensor's readings, and its limit."""
-    ranges = []
-    for name, each in found.items():
-        least = shown(each["min"])
-        words = f"{what}{name} {least} to {shown(each['max'])} {unit}"
-        if each[limit] is not None:
-            words += f" ({limit} {shown(each[limit])})"
-        ranges.append(words)
-    return ", ".join(ranges) or f"{MISSING} (not reported by the kernel)"
+        words[name] = ", ".join(figures)
+    zones = report["sensors"]["temperature_c"].items()
+    ranges = (f"{zone} {shown(each['min'])} to {shown(each['max'])} °C" for zone, each in zones)
+    words["temperature"] = ", ".join(ranges)
+    return {name: value for name, value in words.items() if value}
 
 
 _BUDGETS: Columns = {

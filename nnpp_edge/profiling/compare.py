@@ -174,8 +174,6 @@ def board_table(report: Facts) -> str:
 
 def board(report: Facts) -> dict[str, str]:
     """The report's words for each column of the table in docs/boards.md."""
-    facts = report["environment"]
-    sensors = report["sensors"]
     results = report["results"]
     workload = results[0]["workload"]
 
@@ -187,6 +185,28 @@ def board(report: Facts) -> dict[str, str]:
                 found.append(f"{row['size']}² {row[key]['median']:.3g}")
         return " · ".join(found) or MISSING
 
+    machine = machine_words(report)
+    ran = ("others took", "throttled")
+    profile = report["profile"]
+    return {
+        "date": report["made"][:10],
+        **{name: words for name, words in machine.items() if name not in ran},
+        "profile": f"{profile['name']}: {workload}",
+        "A*, ms": medians("astar"),
+        "corridor, ms": medians("corridor"),
+        "nnpp int8, ms": medians("nnpp"),
+        "nnpp fp32, ms": medians("nnpp-fp32"),
+        "auto, ms": medians("auto"),
+        "first path of a map, ms": medians(profile["planner"], "map_ms"),
+        "verdict": report["verdict"],
+        **{name: machine[name] for name in ran},
+    }
+
+
+def machine_words(report: Facts) -> dict[str, str]:
+    """The machine of a run, and how it ran, in words."""
+    facts = report["environment"]
+    sensors = report["sensors"]
     clocks = sensors["clock_mhz"].values()
     greatest = MISSING if facts["clock_mhz"] is None else f"{facts['clock_mhz']:.0f} MHz"
     ran = "not told while it ran"
@@ -198,25 +218,16 @@ def board(report: Facts) -> dict[str, str]:
     named = ("python", "nnpp-edge", "numpy", "numba", "onnxruntime")
     halves = report["disturbance"]["halves"]
     shares = [half[key] or 0.0 for half in halves for key in ("waited_share", "others_share")]
-    system = facts["system"] or "Linux"
     throttled = "no" if clocks or sensors["temperature_c"] else "not told"
     return {
-        "date": report["made"][:10],
         "processor": facts["cpu"],
         "cores": f"{len(report['cores'])} of {facts['cores_online'] or '?'}",
         "flags": ", ".join(facts["flags"]) or MISSING,
         "clock": f"{greatest}, {ran}",
         "memory": f"{facts['memory_mb'] / 1024:.1f} GiB",
-        "system": f"{system}, kernel {facts['kernel']}, {facts['architecture']}",
-        "versions": ", ".join(f"{name} {versions[name]}" for name in named),
-        "profile": f"{report['profile']['name']}: {workload}",
-        "A*, ms": medians("astar"),
-        "corridor, ms": medians("corridor"),
-        "nnpp int8, ms": medians("nnpp"),
-        "nnpp fp32, ms": medians("nnpp-fp32"),
-        "auto, ms": medians("auto"),
-        "first path of a map, ms": medians(report["profile"]["planner"], "map_ms"),
-        "verdict": report["verdict"],
+        "system": f"{facts['system'] or 'Linux'}, kernel {facts['kernel']}, "
+        f"{facts['architecture']}",
+        "versions": ", ".join(f"{name} {versions.get(name)}" for name in named),
         "others took": f"{100 * max(shares):.1f} %",
         "throttled": sensors["throttled"] or throttled,
     }
