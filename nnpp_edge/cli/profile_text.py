@@ -1,6 +1,6 @@
 """The findings of `nnpp-edge profile` for people: tables on a terminal, or in Markdown."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
 
 from nnpp_edge.cli.text import Columns, Row, aligned, columns, table
@@ -67,53 +67,39 @@ def report_text(report: Facts, *, markdown: bool = False) -> str:
     results = report["results"]
     stages = {name: partial(_stage, name) for name in stages_of(results)}
     arrived = [row for row in results if row["map_ms"] is not None]
-    tables: list[tuple[str, Sequence[Row], Columns]] = [
-        ("Times, speed-ups and path costs", results, _RESULTS),
-        ("Mean ms by stage, and share of the whole", results, columns(_PLACE) | stages),
-        ("Maps and patches of elevations that have just arrived", arrived, _ARRIVALS),
-        ("The onboard loop: from a patch's arrival to the checked path", report["loop"], _LOOP),
-    ]
     head = "## " if markdown else ""
-    parts = [
-        f"{head}{title}\n\n{table(rows, as_, markdown=markdown)}"
-        for title, rows, as_ in tables
-        if rows
+    bullet = "- " if markdown else ""
+
+    def part(title: str, rows: Sequence[Row], as_: Columns) -> str:
+        return f"{head}{title}\n\n{table(rows, as_, markdown=markdown)}" if rows else ""
+
+    def lines(found: Iterable[str]) -> str:
+        return "\n".join(f"{bullet}{line}" for line in found)
+
+    verdict = [
+        part("Budgets", report["budgets"], _BUDGETS),
+        lines(
+            f"{line['name']} ({line['planner']}, {place(line)}): {line['why']}"
+            for line in report["budgets"]
+            if line["why"]
+        ),
     ]
-    machine = _machine(report)
+    measured = [
+        part("Times, speed-ups and path costs", results, _RESULTS),
+        part("Mean ms by stage, and share of the whole", results, columns(_PLACE) | stages),
+        part("Maps and patches of elevations that have just arrived", arrived, _ARRIVALS),
+        part("The onboard loop: from a patch's arrival to the checked path", report["loop"], _LOOP),
+        lines(_sentences(report)),
+        f"{head}Machine",
+        lines(f"{name}: {words}" for name, words in _machine(report).items()),
+        lines(f"note: {line}" for line in report["notes"]),
+    ]
+    answers = report.get("answers", "")
+    parts = [answers, *measured, *verdict, report["summary"]]
     if markdown:
-        facts = [f"{name} {value}" for name, value in machine.items()]
-        facts += [f"note {line}" for line in report["notes"]]
-        budgets = table(report["budgets"], {**_BUDGETS, **columns("why")}, markdown=True)
-        parts = [
-            f"# {report['profile']['title']}",
-            report.get("answers", ""),
-            report["summary"],
-            *([f"## Budgets\n\n{budgets}"] if report["budgets"] else []),
-            *parts,
-        ]
-        sentences, machines = (
-            "\n".join(f"- {line}" for line in lines) for lines in (_sentences(report), facts)
-        )
-        return "\n\n".join([*parts, sentences, "## Machine", machines]) + "\n"
-    parts.insert(0, report.get("answers", ""))
-    parts += ["\n".join(_sentences(report)), aligned(machine)]
-    parts += ["\n".join(f"note: {line}" for line in report["notes"])]
-    parts += [_budgets(report["budgets"]), report["summary"]]
-    return "\n\n".join(filter(None, parts))
-
-
-def _budgets(budgets: Sequence[Row]) -> str:
-    """The budgets, and below each why its verdict is no plain one."""
-    if not budgets:
-        return ""
-    head, rule, body = table(budgets, _BUDGETS).partition("─\n")
-    lines = [head + rule.rstrip()]
-    rows = [line for line in body.splitlines() if line.strip(" ─")]
-    for row, budget in zip(rows, budgets, strict=True):
-        lines.append(row)
-        if budget["why"]:
-            lines.append(f"   why: {budget['why']}")
-    return "\n".join(lines)
+        title = f"# {report['profile']['title']}"
+        parts = [title, answers, report["summary"], *verdict, *measured]
+    return "\n\n".join(filter(None, parts)) + "\n" * markdown
 
 
 def _stage(name: str, row: Row) -> str:
