@@ -9,7 +9,7 @@ from nnpp_edge.profiling.figures import stages_of
 from nnpp_edge.profiling.inference import int8_in_words
 from nnpp_edge.profiling.judge import IN_WORDS, measured, place, wanted
 from nnpp_edge.profiling.rows import Facts
-from nnpp_edge.progress import MISSING, shown
+from nnpp_edge.progress import MISSING
 from nnpp_edge.runtime.errors import INSTALL
 
 
@@ -46,18 +46,6 @@ _PEERS = columns(
     "× astar/median: times_astar_median | map/ms: map_ms_median | gap/mean: gap_mean z.2% | "
     "gap/max: gap_max z.2% | same/optimum: same_optimum"
 )
-_WHOLE_RUN = (
-    ("peak_memory_mb", "peak memory", "MB"),
-    ("model_mb", "model", "MB"),
-    ("prior_ms", "prices of 64² unseen blocks", "ms"),
-    *(
-        (f"{key}_{state}_{end}", f"{name} {state}{of}", unit)
-        for key, name in (("start_up", "first plan"), ("first_tick", "first tick"))
-        for state in ("cold", "warm")
-        for end, of, unit in (("s", "", "s"), ("mb", ", peak", "MB"))
-    ),
-)
-"""Key, name and unit of what there is one figure of for each planner."""
 
 
 def report_text(report: Facts, *, markdown: bool = False) -> str:
@@ -91,7 +79,7 @@ def report_text(report: Facts, *, markdown: bool = False) -> str:
         part("The onboard loop: from a patch's arrival to the checked path", report["loop"], _LOOP),
         lines(_sentences(report)),
         f"{head}Machine",
-        lines(f"{name}: {words}" for name, words in _machine(report).items()),
+        lines(f"{name}: {words}" for name, words in machine_words(report).items()),
         lines(f"note: {line}" for line in report["notes"]),
     ]
     answers = report.get("answers", "")
@@ -120,22 +108,6 @@ def _sentences(report: Facts) -> Iterator[str]:
             yield f"{row['workload']} {row['size']}²: {int8_in_words(row['int8_speedup'])}"
     if lost := sum(row["without_path"] for row in report["loop"]):
         yield f"the onboard loop had no path after {lost} patches"
-
-
-def _machine(report: Facts) -> dict[str, str]:
-    facts = report["environment"]
-    words = machine_words(report)
-    words["governor"] = ", ".join(facts["governor"] or ()) or MISSING
-    load = " ".join(map(str, facts["load_average"]))
-    words["load"] = f"{load} over 1, 5 and 15 minutes"
-    for key, name, unit in _WHOLE_RUN:
-        by_planner = report["besides"].get(key) or {}
-        figures = [f"{who} {shown(value)} {unit}" for who, value in by_planner.items()]
-        words[name] = ", ".join(figures)
-    zones = report["sensors"]["temperature_c"].items()
-    ranges = (f"{zone} {shown(each['min'])} to {shown(each['max'])} °C" for zone, each in zones)
-    words["temperature"] = ", ".join(ranges)
-    return {name: value for name, value in words.items() if value}
 
 
 _BUDGETS: Columns = {

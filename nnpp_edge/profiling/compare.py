@@ -9,7 +9,7 @@ from typing import NamedTuple, cast
 
 from nnpp_edge.profiling.report import SCHEMA
 from nnpp_edge.profiling.rows import PLACE, Facts
-from nnpp_edge.progress import MISSING, markdown_table
+from nnpp_edge.progress import MISSING, markdown_table, shown
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.reading import parse, read_text, refused_as
 
@@ -186,11 +186,10 @@ def board(report: Facts) -> dict[str, str]:
         return " · ".join(found) or MISSING
 
     machine = machine_words(report)
-    ran = ("others took", "throttled")
     profile = report["profile"]
     return {
         "date": report["made"][:10],
-        **{name: words for name, words in machine.items() if name not in ran},
+        **{name: machine[name] for name in _MACHINE},
         "profile": f"{profile['name']}: {workload}",
         "A*, ms": medians("astar"),
         "corridor, ms": medians("corridor"),
@@ -199,8 +198,25 @@ def board(report: Facts) -> dict[str, str]:
         "auto, ms": medians("auto"),
         "first path of a map, ms": medians(profile["planner"], "map_ms"),
         "verdict": report["verdict"],
-        **{name: machine[name] for name in ran},
+        "others took": machine["others took"],
+        "throttled": machine["throttled"],
     }
+
+
+_MACHINE = ("processor", "cores", "flags", "clock", "memory", "system", "versions")
+"""Columns of the table of boards."""
+_WHOLE_RUN = (
+    ("peak_memory_mb", "peak memory", "MB"),
+    ("model_mb", "model", "MB"),
+    ("prior_ms", "prices of 64² unseen blocks", "ms"),
+    *(
+        (f"{key}_{state}_{end}", f"{name} {state}{of}", unit)
+        for key, name in (("start_up", "first plan"), ("first_tick", "first tick"))
+        for state in ("cold", "warm")
+        for end, of, unit in (("s", "", "s"), ("mb", ", peak", "MB"))
+    ),
+)
+"""Key, name and unit of what there is one figure of for each planner."""
 
 
 def machine_words(report: Facts) -> dict[str, str]:
@@ -219,7 +235,7 @@ def machine_words(report: Facts) -> dict[str, str]:
     halves = report["disturbance"]["halves"]
     shares = [half[key] or 0.0 for half in halves for key in ("waited_share", "others_share")]
     throttled = "no" if clocks or sensors["temperature_c"] else "not told"
-    return {
+    words = {
         "processor": facts["cpu"],
         "cores": f"{len(report['cores'])} of {facts['cores_online'] or '?'}",
         "flags": ", ".join(facts["flags"]) or MISSING,
@@ -230,4 +246,14 @@ def machine_words(report: Facts) -> dict[str, str]:
         "versions": ", ".join(f"{name} {versions.get(name)}" for name in named),
         "others took": f"{100 * max(shares):.1f} %",
         "throttled": sensors["throttled"] or throttled,
+        "governor": ", ".join(facts["governor"] or ()),
+        "load": " ".join(map(str, facts["load_average"])),
     }
+    for key, name, unit in _WHOLE_RUN:
+        by_planner = report["besides"].get(key) or {}
+        figures = [f"{who} {shown(value)} {unit}" for who, value in by_planner.items()]
+        words[name] = ", ".join(figures)
+    zones = sensors["temperature_c"].items()
+    ranges = (f"{zone} {shown(each['min'])} to {shown(each['max'])} °C" for zone, each in zones)
+    words["temperature"] = ", ".join(ranges)
+    return {name: value for name, value in words.items() if value}

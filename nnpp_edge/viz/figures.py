@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from nnpp_edge.files import write_whole
+from nnpp_edge.profiling.compare import machine_words
 from nnpp_edge.profiling.figures import stages_of
 from nnpp_edge.profiling.inference import int8_in_words
 from nnpp_edge.profiling.judge import IN_WORDS, measured, place, wanted
@@ -100,7 +101,7 @@ def page(report: Facts) -> str:
         "int8_in_words": int8_in_words,
     }
     template.filters |= filters
-    template.globals["words"] = IN_WORDS
+    template.globals |= {"words": IN_WORDS, "machine": machine_words(report)}
     text = (files("nnpp_edge.viz") / _TEMPLATE).read_text(encoding="utf-8")
     page: str = template.from_string(text).render(report=report, plots=list(_plots(report)))
     return page
