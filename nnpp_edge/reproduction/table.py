@@ -39,8 +39,12 @@ def summary(rows: Rows, by: Sequence[str], networks: NetworkPair, *, totals: boo
     measured = {name for row in counted for name in row}
     if "planner" not in by:
         measured -= {"planner", "time_s"}
-    heads = {**MEANS, **SUMS} if totals else MEANS
-    columns = {head: form for head, (name, form) in heads.items() if name in measured}
+    columns = {}
+    for head, (name, form) in MEANS.items():
+        if totals:
+            head, form = SUMS.get(head, (head, form))
+        if name in measured:
+            columns[head] = (name, form)
     lines = []
     for key, group in counted.groups(by).items():
         place = dict(zip(by, key, strict=True))
@@ -49,9 +53,8 @@ def summary(rows: Rows, by: Sequence[str], networks: NetworkPair, *, totals: boo
         astar = counted.of(**place | {"planner": _astar_beside(planner)})
         line = TableLine(group, every, astar, network_of(planner, networks))
         names = [written(name, value) for name, value in place.items()]
-        lines.append([*names, *(form(line) for form in columns.values())])
-    renamed = [_SUMMED.get(head, head) if totals else head for head in columns]
-    return markdown_table([*by, *renamed], lines)
+        lines.append([*names, *(_text(line, *column) for column in columns.values())])
+    return markdown_table([*by, *columns], lines)
 
 
 def written(name: str, value: object) -> str:
@@ -82,19 +85,11 @@ def _astar_beside(planner: str) -> str:
     return PLAIN if planner.startswith("plain") else "astar"
 
 
-Cell = Callable[[TableLine], str]
-
-
-def _mean(name: str, form: str) -> Cell:
-    return lambda line: shown(line.rows.mean(name), form)
-
-
-def _mean_s(name: str) -> Cell:
-    return lambda line: seconds(line.rows.mean(name))
-
-
-def _spread(name: str, digits: int) -> Cell:
-    return lambda line: spread(line.rows.all(name), digits)
+def _text(line: TableLine, name: str, form: "Form") -> str:
+    if callable(form):
+        return form(line)
+    mean = line.rows.mean(name)
+    return seconds(mean) if form == "s" else shown(mean, form)
 
 
 def _failed(line: TableLine) -> str:
@@ -109,37 +104,37 @@ def _mended(line: TableLine) -> str:
     return f"{sum(later):.0f} of {len(later)}" if later else MISSING
 
 
-MEANS: dict[str, tuple[str, Cell]] = {
+Form = str | Callable[[TableLine], str]
+"""How a figure is written: its mean as `shown` does, or as a time (``s``), or by a function."""
+MEANS: dict[str, tuple[str, Form]] = {
     "network": ("planner", lambda line: line.network),
-    "AT": ("time_s", _mean_s("time_s")),
+    "AT": ("time_s", "s"),
     "over A*": (
         "time_s",
         lambda line: times(line.astar.mean("time_s") / line.rows.mean("time_s")),
     ),
-    "inference": ("inference_s", _mean_s("inference_s")),
-    "graph": ("graph_s", _mean_s("graph_s")),
-    "search": ("search_s", _mean_s("search_s")),
-    "graph's share": ("graph_share", _mean("graph_share", "z.1%")),
-    "path, cells": ("path_cells", _mean("path_cells", ".0f")),
-    "CC": ("cc", _mean("cc", ".2f")),
+    "inference": ("inference_s", "s"),
+    "graph": ("graph_s", "s"),
+    "search": ("search_s", "s"),
+    "graph's share": ("graph_share", "z.1%"),
+    "path, cells": ("path_cells", ".0f"),
+    "CC": ("cc", ".2f"),
     "CC increase": ("exact_cc", lambda line: percent(line.rows.increase(), 2)),
-    "cost above the optimum": ("excess", _mean("excess", "z.2%")),
-    "success": ("found", _mean("found", "z.1%")),
-    "MM": ("mm", _spread("mm", 3)),
-    "region, of the map": ("share", _mean("share", "z.1%")),
-    "in common with the first": ("common", _mean("common", "z.1%")),
-    "best ω": ("best_omega", _spread("best_omega", 4)),
+    "cost above the optimum": ("excess", "z.2%"),
+    "success": ("found", "z.1%"),
+    "MM": ("mm", lambda line: spread(line.rows.all("mm"), 3)),
+    "region, of the map": ("share", "z.1%"),
+    "in common with the first": ("common", "z.1%"),
+    "best ω": ("best_omega", lambda line: spread(line.rows.all("best_omega"), 4)),
     "mended, plans after the first": ("mended", _mended),
 }
 """Columns by their heads: the figure that each needs, and how it is written."""
-SUMS: dict[str, tuple[str, Cell]] = {
-    "AT": ("time_s", lambda line: seconds(line.rows.total("time_s"))),
-    "CC": ("cc", lambda line: shown(line.rows.total("cc"), ".2f")),
-    "success": ("found", _failed),
+SUMS: dict[str, tuple[str, Form]] = {
+    "AT": ("time in all", lambda line: seconds(line.rows.total("time_s"))),
+    "CC": ("CC", lambda line: shown(line.rows.total("cc"), ".2f")),
+    "success": ("failed", _failed),
 }
-"""Columns that differ where sums are shown, by the head of the mean."""
-_SUMMED = {"AT": "time in all", "success": "failed"}
-"""Their own heads."""
+"""Columns that differ where sums are shown: by the head of the mean their own head and form."""
 
 
 def seconds(value: float) -> str:
