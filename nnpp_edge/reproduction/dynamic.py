@@ -12,7 +12,6 @@ from nnpp_edge.outcome import outcome
 from nnpp_edge.profiling.contest import Harness
 from nnpp_edge.profiling.rows import Row, Rows
 from nnpp_edge.reproduction import drawing, paper
-from nnpp_edge.reproduction.drawing import RegionPicture
 from nnpp_edge.reproduction.episode import STRIDE, Episode, Step, make_episode
 from nnpp_edge.reproduction.experiment import Context, Experiment
 from nnpp_edge.reproduction.findings import (
@@ -126,11 +125,11 @@ def table3(context: Context, *, size: int, episodes: int, repeats: int) -> Rows:
     frames = len(paper.TABLE_3.of(ASTAR))
     found = [episode for _, episode in find_episodes(context, size, episodes)]
     episode = min(found, key=lambda each: abs(len(each.steps) - frames))
-    scenes = list[RegionPicture]()
-    for here, step in zip(maps_of(episode, context.networks), episode.steps, strict=True):
-        before = scenes[-1].map if scenes else None
-        scenes.append(RegionPicture(drawing.frame(len(scenes)), here, before, step.patches))
-    context.scenes.append(scenes)
+    before = None
+    plans = zip(maps_of(episode, context.networks), episode.steps, strict=True)
+    for at, (here, step) in enumerate(plans):
+        context.scenes.append(drawing.scene(drawing.frame(at), here, before, step.patches))
+        before = here
     return drive(episode, context.networks, repeats)
 
 
@@ -236,6 +235,10 @@ def table4_findings(rows: Rows) -> Iterator[Finding]:
     )
 
 
+def _table3_picture(rows: Rows, context: Context) -> "Figure":
+    return drawing.chart([context.scenes], wide=2.6)
+
+
 def _table4_picture(rows: Rows, context: Context) -> "Figure":
     return drawing.by_planner(rows.by("scene"))
 
@@ -247,7 +250,7 @@ EXPERIMENTS = {
         table3,
         ("plan", "planner"),
         table3_findings,
-        drawing.scenes,
+        _table3_picture,
         {"size": 256, "episodes": 12, "repeats": 5},
         {"size": 128, "repeats": 1, "episodes": 3},
         paper.TABLE_3,

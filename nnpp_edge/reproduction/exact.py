@@ -53,7 +53,7 @@ def _table1_picture(rows: Rows, context: Context) -> "Figure":
         drawing.by_size(rows, "time_s", styles, title, "seconds"),
         drawing.by_size(rows, "graph_share", styles, share, ""),
     ]
-    return drawing.chart(panels)
+    return drawing.chart([panels])
 
 
 def _scaled(cost: Float2D, query: Endpoints, size: int) -> tuple[Float2D, Endpoints]:
@@ -222,11 +222,11 @@ def _fig7_picture(rows: Rows, context: Context) -> "Figure":
     ends = (paper.OMEGA - paper.OMEGA_DEVIATION, paper.OMEGA + paper.OMEGA_DEVIATION)
     paper_s = Curve(ends, (0.0, 0.0), "|-", f"paper: {_OMEGA}", drawing.PAPER)
     panels = [
-        Panel("LEN and CC, normalised by range", x, "", both),
-        Panel("Time of exact A*", x, "seconds", [Curve(omegas, typical_s, "-")]),
-        Panel("Maps whose best ω is no greater", x, "", [*best, paper_s]),
+        Panel("LEN and CC, normalised by range", both, x),
+        Panel("Time of exact A*", [Curve(omegas, typical_s, "-")], x, "seconds"),
+        Panel("Maps whose best ω is no greater", [*best, paper_s], x),
     ]
-    return drawing.chart(panels, columns=3)
+    return drawing.chart([panels])
 
 
 EXPERIMENTS = {

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from nnpp_edge.profiling.rows import Row, Rows
 from nnpp_edge.profiling.suites import LEAST_DISTANCE, Case, solvable, terrain_cases
 from nnpp_edge.progress import THOUSANDTHS
-from nnpp_edge.reproduction.drawing import RegionPicture
+from nnpp_edge.reproduction.drawing import Panel
 from nnpp_edge.reproduction.findings import Finding
 from nnpp_edge.reproduction.regions import NetworkPair
 from nnpp_edge.runtime.cells import Endpoints
@@ -35,8 +35,8 @@ class Context:
     """Called with the thousandths of the work that are done."""
     notes: list[str] = field(default_factory=list)
     """Whole sentences for the page."""
-    scenes: list[list[RegionPicture]] = field(default_factory=list)
-    """Lines of maps to be drawn."""
+    scenes: list[Panel] = field(default_factory=list)
+    """Maps to be drawn."""
 
     def fitting(self, sizes: Sequence[int]) -> list[int]:
         """The sizes that the terrain is large enough for, with a note on the others; where it is

@@ -1,13 +1,12 @@
 """Fig. 14 and 15: the network's region for several goals, and around moving obstacles."""
 
 import math
-from collections import defaultdict
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 from nnpp_edge.profiling.rows import Rows
 from nnpp_edge.profiling.suites import LEAST_DISTANCE, Case
 from nnpp_edge.reproduction import drawing
-from nnpp_edge.reproduction.drawing import RegionPicture
 from nnpp_edge.reproduction.experiment import BOTH, Context, Experiment
 from nnpp_edge.reproduction.findings import Figure, Finding, judge, mean
 from nnpp_edge.reproduction.planners import OneMap
@@ -18,6 +17,9 @@ from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.terrain.obstacles import covered
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Picture
 
 _FRAMES = 5
 """From T to T + 4Δt (the paper's)."""
@@ -50,11 +52,10 @@ def fig14(context: Context, *, size: int, goals: int) -> Rows:
     shown = [("goals", f"goal {n}", case.cost, end) for n, end in enumerate(ends, 1)]
     shown += [("obstacles", drawing.frame(at), cost, goal) for at, cost in enumerate(moving)]
     rows = Rows()
-    lines = defaultdict[str, list[RegionPicture]](list)
+    firsts: dict[str, OneMap] = {}
     for part, name, cost, end in shown:
         here = OneMap(cost, (start, end), context.networks)
-        line = lines[part]
-        first = line[0].map if line else here
+        first = firsts.setdefault(part, here)
         found = here.searched({kind: kind for kind in here.regions})
         for row in found:
             blocks = here.regions[row["planner"]].blocks()
@@ -62,8 +63,7 @@ def fig14(context: Context, *, size: int, goals: int) -> Rows:
             common = (blocks & of_first).sum() / (blocks | of_first).sum()
             rows.append({"part": part, "scene": name, **row, "common": float(common)})
         excess = percent(found.of(NETWORK).mean("excess"), 2)
-        line.append(RegionPicture(f"{name}: {excess} above the optimum", here))
-    context.scenes.extend(lines.values())
+        context.scenes.append(drawing.scene(f"{name}: {excess} above the optimum", here))
     return rows
 
 
@@ -135,6 +135,12 @@ def _greatest_excess(rows: Rows) -> float:
     return max(float(row.get("excess", math.inf)) for row in rows.of(NETWORK))
 
 
+def _picture(rows: Rows, context: Context) -> "Picture":
+    """A line of maps for goals, and one for frames."""
+    frames = context.scenes[-_FRAMES:]
+    return drawing.chart([context.scenes[:-_FRAMES], frames], wide=2.6)
+
+
 EXPERIMENTS = {
     "fig14": Experiment(
         "Fig. 14 and 15",
@@ -142,7 +148,7 @@ EXPERIMENTS = {
         fig14,
         ("part", "planner"),
         fig14_findings,
-        drawing.scenes,
+        _picture,
         {"size": 256, "goals": 5},
         {"size": 128, "goals": 3},
         networks=BOTH[:1],

@@ -4,7 +4,6 @@ of random maps.
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from itertools import chain
 from operator import methodcaller
 from typing import TYPE_CHECKING
 
@@ -14,7 +13,7 @@ from nnpp_edge.profiling.contest import Harness
 from nnpp_edge.profiling.rows import Row, Rows
 from nnpp_edge.profiling.suites import LEAST_DISTANCE
 from nnpp_edge.reproduction import drawing, paper
-from nnpp_edge.reproduction.drawing import Curve, Panel, RegionPicture
+from nnpp_edge.reproduction.drawing import Curve, Panel
 from nnpp_edge.reproduction.experiment import Context, Experiment
 from nnpp_edge.reproduction.findings import (
     ONE_POINT,
@@ -75,7 +74,7 @@ def contest(
             own = rows.of(PLAIN_NN)
             excess = percent(own.mean("excess"), 2)
             title = f"map {number}: MM {own.mean('mm'):.3f},\ncost {excess} above the optimum"
-            context.scenes[:] = [[*chain(*context.scenes), RegionPicture(title, here)]]
+            context.scenes.append(drawing.scene(title, here))
 
 
 def table2_findings(rows: Rows) -> Iterator[Finding]:
@@ -159,6 +158,10 @@ def _table2_picture(rows: Rows, context: Context) -> "Picture":
     return drawing.by_planner({f"{size}²": of for size, of in rows.by("size").items()})
 
 
+def _maps_picture(rows: Rows, context: Context) -> "Picture":
+    return drawing.chart([context.scenes], wide=2.6)
+
+
 def _fig9_picture(rows: Rows, context: Context) -> "Picture":
     """Times, that of the inference among them, and MM against the map's side."""
     times = Rows(rows)
@@ -172,7 +175,7 @@ def _fig9_picture(rows: Rows, context: Context) -> "Picture":
         drawing.by_size(times, "time_s", styles, "Mean time of a query", "seconds"),
         drawing.by_size(rows, *mm),
     ]
-    return drawing.chart(panels)
+    return drawing.chart([panels])
 
 
 def fig9_findings(rows: Rows) -> Iterator[Finding]:
@@ -229,8 +232,8 @@ def _fig11_picture(rows: Rows, context: Context) -> "Picture":
             colour = drawing.COLOURS[name]
             curves.append(Curve(cells, own.all("time_s"), ".", "", colour))
             curves.append(Curve(cells, offset + slope * cells, "-", name, colour))
-        panels.append(Panel(title, "cells of the optimal path", "seconds", curves))
-    return drawing.chart(panels)
+        panels.append(Panel(title, curves, "cells of the optimal path", "seconds"))
+    return drawing.chart([panels])
 
 
 def _fit(rows: Rows) -> tuple[float, float, float]:
@@ -356,7 +359,7 @@ EXPERIMENTS = {
         partial(contest, draw=True),
         ("planner",),
         fig12_findings,
-        drawing.scenes,
+        _maps_picture,
         {"sizes": (256,), "maps": 5, "repeats": 5},
         {"repeats": 2},
         paper.TABLE_4.of(scene=paper.STATIC),
