@@ -80,6 +80,11 @@ def chart(lines: Sequence[Sequence[Panel]], wide: float = 5.8) -> "Figure":
     return figure
 
 
+def maps(scenes: Sequence[Panel]) -> "Figure":
+    """Maps in lines of five."""
+    return chart([scenes[first : first + 5] for first in range(0, len(scenes), 5)], wide=2.6)
+
+
 def by_size(rows: Rows, name: str, styles: Mapping[str, str], title: str, unit: str) -> Panel:
     """Means of the planners' figures against the map's side."""
     curves = []

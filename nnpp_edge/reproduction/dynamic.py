@@ -235,11 +235,7 @@ def table4_findings(rows: Rows) -> Iterator[Finding]:
     )
 
 
-def _table3_picture(rows: Rows, context: Context) -> "Figure":
-    return drawing.chart([context.scenes], wide=2.6)
-
-
-def _table4_picture(rows: Rows, context: Context) -> "Figure":
+def _table4_picture(rows: Rows) -> "Figure":
     return drawing.by_planner(rows.by("scene"))
 
 
@@ -250,7 +246,7 @@ EXPERIMENTS = {
         table3,
         ("plan", "planner"),
         table3_findings,
-        _table3_picture,
+        None,
         {"size": 256, "episodes": 12, "repeats": 5},
         {"size": 128, "repeats": 1, "episodes": 3},
         paper.TABLE_3,

@@ -45,7 +45,7 @@ def table1(context: Context, *, sizes: Sequence[int], maps: int) -> Iterator[Row
             yield {"map": number, **row}
 
 
-def _table1_picture(rows: Rows, context: Context) -> "Figure":
+def _table1_picture(rows: Rows) -> "Figure":
     styles = {paper.ASTAR: "o--", PLAIN: "o-"}
     title = "Mean time of a query, the graph included"
     share = "Share of the graph in the time"
@@ -209,7 +209,7 @@ def fig7_findings(rows: Rows) -> Iterator[Finding]:
     )
 
 
-def _fig7_picture(rows: Rows, context: Context) -> "Figure":
+def _fig7_picture(rows: Rows) -> "Figure":
     """Mean length and CC and the median time at each ω, and each map's best ω."""
     omegas, length, cc, typical_s = _curves(rows)
     x = "ω per grey level"

@@ -88,8 +88,8 @@ class Experiment:
     """Names by which rows are a line of the table for people."""
     findings: Callable[[Rows], Iterable[Finding]]
     """On the measured rows."""
-    picture: Callable[[Rows, Context], "Figure"]
-    """Of the rows, the paper's among them."""
+    picture: Callable[[Rows], "Figure"] | None
+    """Of the rows, the paper's among them; None where maps are drawn."""
     settings: Mapping[str, object]
     quick: Mapping[str, object]
     """Settings of a quick run, where they differ from a full one's."""

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 from nnpp_edge.profiling.rows import Rows
 from nnpp_edge.profiling.suites import LEAST_DISTANCE, Case
@@ -17,9 +16,6 @@ from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.terrain.obstacles import covered
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure as Picture
 
 _FRAMES = 5
 """From T to T + 4Δt (the paper's)."""
@@ -135,12 +131,6 @@ def _greatest_excess(rows: Rows) -> float:
     return max(float(row.get("excess", math.inf)) for row in rows.of(NETWORK))
 
 
-def _picture(rows: Rows, context: Context) -> "Picture":
-    """A line of maps for goals, and one for frames."""
-    frames = context.scenes[-_FRAMES:]
-    return drawing.chart([context.scenes[:-_FRAMES], frames], wide=2.6)
-
-
 EXPERIMENTS = {
     "fig14": Experiment(
         "Fig. 14 and 15",
@@ -148,7 +138,7 @@ EXPERIMENTS = {
         fig14,
         ("part", "planner"),
         fig14_findings,
-        _picture,
+        None,
         {"size": 256, "goals": 5},
         {"size": 128, "goals": 3},
         networks=BOTH[:1],

@@ -19,6 +19,7 @@ from nnpp_edge.profiling.rows import Rows
 from nnpp_edge.profiling.suites import TerrainFiles
 from nnpp_edge.progress import MISSING, THOUSANDTHS, bar, markdown_table
 from nnpp_edge.reproduction import dynamic, exact, looks, static
+from nnpp_edge.reproduction.drawing import maps
 from nnpp_edge.reproduction.experiment import BOTH, Context, Experiment
 from nnpp_edge.reproduction.findings import Finding, Verdict
 from nnpp_edge.reproduction.regions import NetworkPair
@@ -148,7 +149,8 @@ def reproduce(
             context.notes,
             summary(everything, experiment.by, networks, totals=totals),
         )
-        picture = experiment.picture(everything, context)
+        draw = experiment.picture
+        picture = draw(everything) if draw else maps(context.scenes)
         place = output / name / name
         make_folder(place.parent)
         write_all(

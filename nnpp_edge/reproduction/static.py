@@ -154,15 +154,11 @@ def _grown(of: Callable[[Rows], float], small: int, large: int) -> Figure:
     return Figure(grown, "{:.3g}×".format)
 
 
-def _table2_picture(rows: Rows, context: Context) -> "Picture":
+def _table2_picture(rows: Rows) -> "Picture":
     return drawing.by_planner({f"{size}²": of for size, of in rows.by("size").items()})
 
 
-def _maps_picture(rows: Rows, context: Context) -> "Picture":
-    return drawing.chart([context.scenes], wide=2.6)
-
-
-def _fig9_picture(rows: Rows, context: Context) -> "Picture":
+def _fig9_picture(rows: Rows) -> "Picture":
     """Times, that of the inference among them, and MM against the map's side."""
     times = Rows(rows)
     for row in rows.of(PLAIN_NN):
@@ -217,7 +213,7 @@ def fig9_findings(rows: Rows) -> Iterator[Finding]:
     )
 
 
-def _fig11_picture(rows: Rows, context: Context) -> "Picture":
+def _fig11_picture(rows: Rows) -> "Picture":
     """Each query's time against the length of its path, with a line through those of a planner."""
     panels = []
     for title, names in (
@@ -359,7 +355,7 @@ EXPERIMENTS = {
         partial(contest, draw=True),
         ("planner",),
         fig12_findings,
-        _maps_picture,
+        None,
         {"sizes": (256,), "maps": 5, "repeats": 5},
         {"repeats": 2},
         paper.TABLE_4.of(scene=paper.STATIC),
