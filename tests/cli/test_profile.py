@@ -18,6 +18,7 @@ from nnpp_edge.profiling.suites import Case
 from nnpp_edge.runtime import Ground, Vehicle
 from tests.cli.grounds import written
 from tests.profiling.test_profile_machine import busy_core
+from tests.tables import cases
 
 PROFILE = """
 title = "Tiny & <quick>"
@@ -168,23 +169,10 @@ def test_json_may_be_printed_and_an_impossible_budget_is_missed_and_named(run, p
     )
 
 
-def test_a_disturbed_run_is_noisy(run, profile, monkeypatch):
-    """Another process on the one core, all the time: the halves agree, and yet nothing may pass by
-    a small margin.
-    """
-    monkeypatch.setattr(judge, "_TEN_TIMES", math.inf)
-    profile(disturbance=0.1, changes=LONGER)
-    with busy_core(CORE):
-        ended = run("profile --profile tiny.toml --json")
-    assert ended.code == 3, ended.out
-    told = ended.json
-    assert told["verdict"] == "noisy" and told["disturbance"]["words"]
-    assert [line["verdict"] for line in told["budgets"]] == ["noisy", "pass", "pass"]
-    assert max(half["waited_share"] for half in told["disturbance"]["halves"]) > 0.1
-
-
 def test_a_run_disturbed_in_one_half_is_noisy(told, profile, monkeypatch):
-    """The same with a kernel that counts no core's time: the planners stand still."""
+    """Another process on the one core in the second half, and a kernel that counts no core's time:
+    the planners stand still, and nothing may pass by a small margin.
+    """
     monkeypatch.setattr(machine, "core_seconds", lambda cores: None)
     monkeypatch.setattr(judge, "_TEN_TIMES", math.inf)
     with ExitStack() as disturbances:
@@ -198,6 +186,7 @@ def test_a_run_disturbed_in_one_half_is_noisy(told, profile, monkeypatch):
         profile(disturbance=0.1, changes=LONGER)
         report = told("profile --profile tiny.toml", code=3)
     assert report["verdict"] == "noisy"
+    assert [line["verdict"] for line in report["budgets"]] == ["noisy", "pass", "pass"]
     half = report["disturbance"]["halves"][1]
     assert half["others_share"] is None and half["waited_share"] > 0.1
 
@@ -219,38 +208,32 @@ def test_the_page_alone_needs_the_extra_viz(run, monkeypatch):
     run(f"profile render {report} -o page.html").refused("jinja2: pip install")
 
 
-def test_regressions_between_two_reports(run, told):
+COMPARED = """
+same | 1.0 | {} | 0 | 0 of
+slower | 1.3 | {} | 1 | +30.0 %
+disturbed | 2.0 | {"disturbance": {"words": "others took 40 %"}} | 3 | disturbed
+another | 1.0 | {"environment": {"cpu": "another"}} | 0 | the CPU differs
+"""
+"""Times as slow, other facts, the exit code, and words of the comparison."""
+
+
+@pytest.mark.parametrize(("name", "factor", "facts", "code", "words"), cases(COMPARED, 5))
+def test_two_reports_are_compared(run, told, name, factor, facts, code, words):
     report = written(Path(__file__).parents[1] / "profiling" / "report.json")
+    report["disturbance"]["words"] = ""
     Path("report.json").write_text(json.dumps(report))
-
-    def write(name, factor=1.0, **changes):
-        """The report, with other facts and figures of nnpp that are worse."""
-        other = json.loads(json.dumps(report)) | changes
-        row = other["results"][1]
-        row["time_ms"] = {key: factor * ms for key, ms in row["time_ms"].items()}
-        row["speedup_total"] /= factor
-        Path(name).write_text(json.dumps(other))
-
-    quiet = {"disturbance": report["disturbance"] | {"words": ""}}
-    write("report.json", **quiet)
-    same = run("profile compare report.json report.json")
-    assert same.code == 0 and same.out.startswith("0 of ")
-    write("slower.json", 1.3, **quiet)
-    ended = run("profile compare report.json slower.json")
-    assert ended.code == 1
-    assert all(words in ended.out for words in ("time_ms median", "+30.0 %", "WORSE"))
-    assert run("profile compare report.json slower.json --tolerance 0.4").code == 0
-    assert run("profile compare slower.json report.json").code == 0
-    found = told("profile compare report.json slower.json", code=1)
-    worse = [line for line in found["lines"] if line["verdict"] == "worse"]
-    assert {line["planner"] for line in worse} == {"nnpp"} and found["verdict"] == "worse"
-    assert all(line["change"] == pytest.approx(0.3) for line in worse)
-    write("disturbed.json", 2.0)
-    ended = run("profile compare report.json disturbed.json")
-    assert ended.code == 3 and "disturbed" in ended.out
-    write("other.json", **quiet, environment=report["environment"] | {"cpu": "another"})
+    other = report | {key: report[key] | changed for key, changed in json.loads(facts).items()}
+    times_ms = other["results"][1]["time_ms"]
+    for which in times_ms:
+        times_ms[which] *= float(factor)
+    Path("other.json").write_text(json.dumps(other))
     ended = run("profile compare report.json other.json")
-    assert ended.code == 0 and "the CPU differs" in ended.out
+    assert ended.code == int(code) and words in ended.out
+    assert run("profile compare other.json report.json").code == 0
+    assert run("profile compare report.json other.json --tolerance 1.5").code == 0
+    lines = told("profile compare report.json other.json", code=int(code))["lines"]
+    worse = {line["planner"] for line in lines if line["verdict"] in ("worse", "noisy")}
+    assert worse == ({"nnpp"} if int(code) else set())
 
 
 def test_peak_memory_is_that_of_another_process(tiny_model):
