@@ -24,13 +24,13 @@ from nnpp_edge.profiling.suites import (
     SYNTHETIC,
     Case,
     TerrainFiles,
+    check_sizes,
     solvable,
     source_of,
     terrain_cases,
 )
 from nnpp_edge.progress import Progress, ignore
 from nnpp_edge.runtime.cells import Cell, Endpoints
-from nnpp_edge.runtime.errors import TerrainError
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.options import METHODS, STILL
@@ -74,14 +74,9 @@ class ProfileMaps:
             if name != SYNTHETIC:
                 paths = () if name == SAMPLE else (Path(name),)
                 self.dems += TerrainFiles.or_sample(paths, load.rescale, load.cell_size).read()
-        least = min(load.sizes)
-        largest = max(self.dems, key=lambda dem: min(dem.shape), default=None)
-        if largest and min(largest.shape) < least:
-            rows, cols = largest.shape
-            raise TerrainError(
-                f"{largest.source}: wanted at least {least} × {least} cells, the size to be "
-                f"measured, got {rows} × {cols}; --sizes {min(rows, cols)} measures on it"
-            )
+        if self.dems:
+            largest = max(self.dems, key=lambda dem: min(dem.shape))
+            check_sizes([largest], [min(load.sizes)])
 
     def maps(self, name: str, size: int) -> Iterator[Case]:
         """Maps of one workload and size with their queries, without end."""

@@ -26,6 +26,7 @@ from nnpp_edge.profiling.quantities import STARTS
 from nnpp_edge.profiling.rivals import RivalPlanner
 from nnpp_edge.profiling.rows import Facts
 from nnpp_edge.profiling.sensors import Sensors, Throttling
+from nnpp_edge.profiling.suites import solvable
 from nnpp_edge.progress import Progress, ignore
 from nnpp_edge.runtime.options import STILL
 from nnpp_edge.terrain.workloads import body_rocks
@@ -108,13 +109,12 @@ def _whole_run(
     sizes_mb = {name: 1e-6 * file.stat().st_size for name, file in files.items()}
 
     say("peak memory, in processes of their own")
-    for on_map in ProfileMaps(load).maps(load.workloads[0], max(load.sizes)):
-        if on_map.connections()(on_map.queries[0]):
-            break
+    maps = ProfileMaps(load).maps(load.workloads[0], max(load.sizes))
+    on_map, (query,) = next(solvable(maps, 1))
     peaks = {}
     for rival in rivals:
         model = str(files.get(rival.name, files["nnpp"]))
-        peak = peak_memory_mb(on_map, on_map.queries[0], rival.method, model)
+        peak = peak_memory_mb(on_map, query, rival.method, model)
         if peak is not None:
             peaks[rival.name] = peak
     found = {"model_mb": sizes_mb, "peak_memory_mb": peaks, "prior_ms": {LOOP: prior_ms(Harness())}}

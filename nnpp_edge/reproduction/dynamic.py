@@ -92,7 +92,7 @@ def _ours(episode: Episode, model: NetworkModel, repeats: int) -> Iterator[list[
             planner.prepare()
             calls[name] = partial(_replan, planner)
         drives.append(list(Harness(turn).measure(calls, episode.steps)))
-    for at, answers in enumerate(zip(*drives, strict=True)):
+    for answers in zip(*drives, strict=True):
         last = answers[-1]
         optimum = last["astar"].results[0]
         rows = []
@@ -106,8 +106,7 @@ def _ours(episode: Episode, model: NetworkModel, repeats: int) -> Iterator[list[
             if plan.ok:
                 row["cc"] = plan.traverse_cost
                 row["exact_cc"] = optimum.traverse_cost
-            mended = name.endswith("dstar") and at > 0
-            rows.append({**row, "mended": float(mended)})
+            rows.append(row)
         yield rows
 
 
@@ -219,19 +218,14 @@ def table4_findings(rows: Rows) -> Iterator[Finding]:
     later = Rows(row for row in dynamic if row["plan"])
     if not later:
         return
-    mended = later.of("nnpp-dstar").all("mended")
-    gain = later.speedup("nnpp", "nnpp-dstar")
     yield judge(
         "D*NN repairs, and gains by it, dynamic (`nnpp-dstar`)",
         "yes",
-        "on half of the plans or more, and faster than afresh",
+        "faster than afresh, by the plans after the first",
         speedup("nnpp", "nnpp-dstar"),
         later,
         "nnpp-dstar",
         above=1.0,
-        also=lambda rows: rows.of("nnpp-dstar").mean("mended") >= 0.5,
-        ours=f"{sum(mended):.0f} of {len(mended)} plans after the first, {gain:.2f}× as fast "
-        "as afresh",
     )
 
 

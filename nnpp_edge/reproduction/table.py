@@ -99,11 +99,6 @@ def _failed(line: TableLine) -> str:
     return f"{failed} of {len(line.every)}"
 
 
-def _mended(line: TableLine) -> str:
-    later = Rows(row for row in line.every if row.get("plan")).all("mended")
-    return f"{sum(later):.0f} of {len(later)}" if later else MISSING
-
-
 Form = str | Callable[[TableLine], str]
 """How a figure is written: its mean as `shown` does, or as a time (``s``), or by a function."""
 MEANS: dict[str, tuple[str, Form]] = {
@@ -126,7 +121,6 @@ MEANS: dict[str, tuple[str, Form]] = {
     "region, of the map": ("share", "z.1%"),
     "in common with the first": ("common", "z.1%"),
     "best ω": ("best_omega", lambda line: spread(line.rows.all("best_omega"), 4)),
-    "mended, plans after the first": ("mended", _mended),
 }
 """Columns by their heads: the figure that each needs, and how it is written."""
 SUMS: dict[str, tuple[str, Form]] = {

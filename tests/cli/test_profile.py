@@ -291,8 +291,8 @@ def test_terrain_smaller_than_what_is_measured_is_told(run, told, profile):
     np.savez("small.npz", elevation_m=np.zeros((70, 80), np.float32), cell_size_m=0.1)
     words = "profile --profile tiny.toml --terrain small.npz --sizes"
     run(f"{words} 128,96").refused(
-        "small.npz: wanted at least 96 × 96 cells, the size to be measured, got 70 × 80; --sizes "
-        "70 measures on it"
+        "small.npz: wanted terrain of at least 96 × 96 cells, got 70 × 80: --sizes 70 is the "
+        "largest that fits"
     )
     found = told(f"{words} 64,96")
     assert {row["size"]: row["terrain"] for row in found["results"]} == {

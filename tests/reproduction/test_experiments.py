@@ -222,4 +222,3 @@ def test_an_episode_is_driven_by_all(tiny_networks):
         assert plan.of(PLAIN).mean("excess") == pytest.approx(0.0, abs=1e-5)
         for name in ("astar", "dstar"):
             assert plan.increase(name) == pytest.approx(0.0, abs=1e-2)
-    assert rows.of("dstar").all("mended") == [0.0] + [1.0] * (plans - 1)
