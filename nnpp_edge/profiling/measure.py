@@ -33,7 +33,7 @@ from nnpp_edge.progress import Progress, ignore
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.network.inference import NetworkModel
-from nnpp_edge.runtime.options import METHODS, STILL
+from nnpp_edge.runtime.options import METHODS
 from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.vehicle_files import load_vehicle
@@ -91,25 +91,19 @@ class ProfileMaps:
 
 
 def rivals_of(networks: Networks, device: Device) -> list[RivalPlanner]:
-    """The planners of a profile; ModelError if a model cannot be loaded."""
-
-    def network(name: str) -> NetworkModel:
-        return NetworkModel(name, threads=device.threads)
-
-    asks = [name for name in STILL if METHODS[name].chooses or "network" in METHODS[name].needs]
-    # networks of their own: one that planners share takes the map over whenever the other has
-    # used it
-    found = [
-        RivalPlanner(name, Method(name), network(networks.int8) if name in asks else None)
-        for name in PLANNERS
-        if name in STILL
-    ]
+    """The planners of a profile, each with a network of its own: one that planners share takes the
+    map over whenever the other has used it. ModelError if a model cannot be loaded.
+    """
     others = {"nnpp-fp32": networks.fp32, "paper": networks.paper}
-    found[3:3] = [
-        RivalPlanner(name, Method.NNPP, network(file))
-        for name, file in others.items()
-        if file is not None
-    ]
+    found = []
+    for name in PLANNERS:
+        file = others.get(name, networks.int8)
+        if file is None:
+            continue
+        method = Method.NNPP if name in others else Method(name)
+        asks = METHODS[method].chooses or "network" in METHODS[method].needs
+        model = NetworkModel(file, threads=device.threads) if asks else None
+        found.append(RivalPlanner(name, method, model))
     return found
 
 
