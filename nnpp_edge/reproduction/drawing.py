@@ -1,7 +1,7 @@
 """The experiments' pictures: panels of curves, over a map or not."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -9,12 +9,11 @@ from nnpp_edge.profiling.rows import Rows
 from nnpp_edge.reproduction.episode import Patch
 from nnpp_edge.reproduction.planners import PLANNERS, OneMap
 from nnpp_edge.reproduction.regions import NETWORK, best_path
-from nnpp_edge.runtime.arrays import Floats, Int32
+from nnpp_edge.runtime.arrays import Int32
 from nnpp_edge.runtime.cells import Cell
-from nnpp_edge.viz.figures import new_figure
+from nnpp_edge.viz.figures import Curve, Panel, chart
 
 if TYPE_CHECKING:
-    from matplotlib.artist import Artist
     from matplotlib.figure import Figure
 
 PAPER = "#7f7f7f"
@@ -23,61 +22,6 @@ COLOURS = {name: f"C{at}" for at, name in enumerate((*PLANNERS, "inference"))}
 _IMPASSABLE = (0.38, 0.17, 0.13)
 _CYAN = np.array([0.0, 0.9, 1.0])
 _TINT = 0.45
-
-
-class Curve(NamedTuple):
-    """Numbers, or names, along both axes of a panel."""
-
-    x: Sequence[object] | Floats
-    y: Sequence[object] | Floats
-    style: str = "o-"
-    label: str = ""
-    colour: str | None = None
-    width: float = 1.5
-
-
-class Panel(NamedTuple):
-    """A panel of a chart."""
-
-    title: str
-    curves: Sequence[Curve]
-    x: str = ""
-    y: str = ""
-    log: str = ""
-    """The axes that are logarithmic."""
-    image: Floats | None = None
-    """(H, W, 3) of a map, in whose cells the curves are."""
-
-
-def chart(lines: Sequence[Sequence[Panel]], wide: float = 5.8) -> "Figure":
-    """Lines of panels, so many inches wide, with a legend below."""
-    columns = max(map(len, lines))
-    figure = new_figure(wide * columns, 1.5 + 0.85 * wide * len(lines))
-    legend: dict[str, Artist] = {}
-    for line, places in zip(
-        lines, figure.subplots(len(lines), columns, squeeze=False), strict=True
-    ):
-        for axes in places[len(line) :]:
-            axes.set_visible(False)
-        for axes, panel in zip(places, line, strict=False):
-            axes.set_title(panel.title, fontsize="medium" if panel.image is None else "small")
-            axes.set(xlabel=panel.x, ylabel=panel.y, axisbelow=True)
-            if panel.image is None:
-                axes.grid(alpha=0.25)
-            else:
-                axes.imshow(panel.image, interpolation="nearest")
-                axes.set(xticks=[], yticks=[])
-            for axis in panel.log:
-                axes.set(**{f"{axis}scale": "log"})
-            for x, y, style, label, colour, width in panel.curves:
-                (drawn,) = axes.plot(x, y, style, color=colour, linewidth=width, markersize=4)
-                if label:
-                    legend.setdefault(label, drawn)
-    if legend:
-        figure.legend(
-            [*legend.values()], [*legend], loc="outside lower center", ncols=4, frameon=False
-        )
-    return figure
 
 
 def maps(scenes: Sequence[Panel]) -> "Figure":

@@ -10,7 +10,6 @@ from nnpp_edge.profiling.contest import Harness
 from nnpp_edge.profiling.plain_astar import build_graph, search
 from nnpp_edge.profiling.rows import Row, Rows
 from nnpp_edge.reproduction import drawing, paper
-from nnpp_edge.reproduction.drawing import Curve, Panel
 from nnpp_edge.reproduction.experiment import Context, Experiment
 from nnpp_edge.reproduction.findings import Finding, stated
 from nnpp_edge.reproduction.planners import PLAIN
@@ -22,6 +21,7 @@ from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.search.astar import astar
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.terrain.step_cost import StepModel
+from nnpp_edge.viz.figures import Curve, Panel, chart
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -53,7 +53,7 @@ def _table1_picture(rows: Rows) -> "Figure":
         drawing.by_size(rows, "time_s", styles, title, "seconds"),
         drawing.by_size(rows, "graph_share", styles, share, ""),
     ]
-    return drawing.chart([panels])
+    return chart([panels])
 
 
 def _scaled(cost: Float2D, query: Endpoints, size: int) -> tuple[Float2D, Endpoints]:
@@ -226,7 +226,7 @@ def _fig7_picture(rows: Rows) -> "Figure":
         Panel("Time of exact A*", [Curve(omegas, typical_s, "-")], x, "seconds"),
         Panel("Maps whose best ω is no greater", [*best, paper_s], x),
     ]
-    return drawing.chart([panels])
+    return chart([panels])
 
 
 EXPERIMENTS = {

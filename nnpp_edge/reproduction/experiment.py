@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 from nnpp_edge.profiling.rows import Row, Rows
 from nnpp_edge.profiling.suites import LEAST_DISTANCE, Case, solvable, terrain_cases
 from nnpp_edge.progress import THOUSANDTHS
-from nnpp_edge.reproduction.drawing import Panel
 from nnpp_edge.reproduction.findings import Finding
 from nnpp_edge.reproduction.regions import NetworkPair
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.workloads import SOFT
+from nnpp_edge.viz.figures import Panel
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -13,7 +13,6 @@ from nnpp_edge.profiling.contest import Harness
 from nnpp_edge.profiling.rows import Row, Rows
 from nnpp_edge.profiling.suites import LEAST_DISTANCE
 from nnpp_edge.reproduction import drawing, paper
-from nnpp_edge.reproduction.drawing import Curve, Panel
 from nnpp_edge.reproduction.experiment import Context, Experiment
 from nnpp_edge.reproduction.findings import (
     ONE_POINT,
@@ -35,6 +34,7 @@ from nnpp_edge.reproduction.planners import (
     OneMap,
 )
 from nnpp_edge.reproduction.table import percent
+from nnpp_edge.viz.figures import Curve, Panel, chart
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Picture
@@ -171,7 +171,7 @@ def _fig9_picture(rows: Rows) -> "Picture":
         drawing.by_size(times, "time_s", styles, "Mean time of a query", "seconds"),
         drawing.by_size(rows, *mm),
     ]
-    return drawing.chart([panels])
+    return chart([panels])
 
 
 def fig9_findings(rows: Rows) -> Iterator[Finding]:
@@ -229,7 +229,7 @@ def _fig11_picture(rows: Rows) -> "Picture":
             curves.append(Curve(cells, own.all("time_s"), ".", "", colour))
             curves.append(Curve(cells, offset + slope * cells, "-", name, colour))
         panels.append(Panel(title, curves, "cells of the optimal path", "seconds"))
-    return drawing.chart([panels])
+    return chart([panels])
 
 
 def _fit(rows: Rows) -> tuple[float, float, float]:
@@ -282,7 +282,8 @@ def _slopes(rows: Rows, slow: str, fast: str) -> Iterator[Finding]:
 
 def _wins(slow: str, fast: str, rows: Rows) -> float:
     """Share of the queries that the fast planner answers faster."""
-    return float(np.mean(np.less(rows.of(fast).all("time_s"), rows.of(slow).all("time_s"))))
+    faster = np.less(rows.of(fast).all("time_s"), rows.of(slow).all("time_s"))
+    return float(faster.mean())
 
 
 def fig12_findings(rows: Rows) -> Iterator[Finding]:
