@@ -125,13 +125,13 @@ spread there, or one for the whole run; and whether it is the loop's.
 """
 
 
-def _quantity(unit: str, basis: str, kind: str, name: str) -> Quantity:
+def _quantity(name: str, unit: str, basis: str, kind: str) -> Quantity:
     figure = _FIGURES.get(name, methodcaller("figure", name)) if kind == "row" else None
     return Quantity(unit, basis, figure, kind.startswith("run"), kind.endswith("loop"))
 
 
 _LINES = [[cell.strip() for cell in line.split("|")] for line in _TABLE.strip().splitlines()]
-QUANTITIES = {name: _quantity(*cells, name) for name, *cells in _LINES}
+QUANTITIES = {cells[0]: _quantity(*cells) for cells in _LINES}
 THOUSANDTH = 1000
 """Fewer samples have no slowest thousandth."""
 STARTS = tuple(name for name in QUANTITIES if name.startswith(("start_up", "first_tick")))
