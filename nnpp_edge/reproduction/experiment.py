@@ -46,8 +46,9 @@ class Context:
         fitting = [size for size in sizes if size <= largest]
         fitting = fitting or [size for size in _LEAST_SIZES if size <= largest][:1]
         if not fitting:
+            least = min(*sizes, *_LEAST_SIZES)
             raise InvalidQueryError(
-                f"wanted terrain of at least {min(sizes)} cells a side, got {largest}"
+                f"wanted terrain of at least {least} cells a side, got {largest}"
             )
         if left_out := ", ".join(f"{size}²" for size in sizes if size > largest):
             self.notes.append(
