@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 
+from nnpp_edge.profiling.rows import Rows
 from nnpp_edge.reproduction import dynamic, exact, paper, static
 from nnpp_edge.reproduction.findings import Verdict
 from nnpp_edge.reproduction.planners import CONTROLS_OF, PLAIN, PLAIN_CONTROLS, PLAIN_NN
 from nnpp_edge.reproduction.regions import CORRIDOR, NetworkPair
-from nnpp_edge.reproduction.rows import Rows
-from nnpp_edge.reproduction.runner import finding_cells
 from nnpp_edge.reproduction.table import summary
 from nnpp_edge.runtime import NetworkModel
 
@@ -74,7 +73,7 @@ def test_a_verdict_that_a_control_earns_too_says_so():
     for finding in judged:
         all_three = ("corridor", "straight band", "shuffled weights")
         assert finding.controls == (all_three if "A*NN" in finding.claim else ("corridor",))
-    assert finding_cells(found[0])[-1].startswith("corridor")
+    assert found[0].cells[-1].startswith("corridor")
     fast_but_dear = table2_findings(control=(9.0, 0.3, 1.0))
     assert not fast_but_dear[0].controls
 
@@ -116,25 +115,23 @@ def test_table_3_is_judged_by_the_figures():
 
 
 @pytest.mark.parametrize(
-    ("omegas", "length", "cc", "wanted"),
+    ("length", "cc", "wanted"),
     [
-        # divided by the greatest: [10/30 + 1, 11/30 + 3/9, ...] on the first map
-        (
-            [0.0, 0.01, 0.02, 0.03],
-            [[10.0, 11.0, 20.0, 30.0], [10.0, 10.0, 10.0, 12.0]],
-            [[9.0, 3.0, 2.0, 1.0], [8.0, 8.0, 2.0, 2.0]],
-            [[0.01, 0.02], [0.01, 0.02]],
-        ),
-        ([0.0, 0.01, 0.02, 0.03], [[1.0] * 4], [[1.0] * 4], [[0.02], [0.02]]),
-        ([0.0, 0.01, 0.02], [[100.0, 106.0, 110.0]], [[50.0, 30.0, 20.0]], [[0.01], [0.02]]),
+        # divided by the greatest: 10/30 + 1, 11/30 + 3/9, ...
+        ([10.0, 11.0, 20.0, 30.0], [9.0, 3.0, 2.0, 1.0], [0.01, 0.01]),
+        ([10.0, 10.0, 10.0, 12.0], [8.0, 8.0, 2.0, 2.0], [0.02, 0.02]),
+        ([1.0] * 4, [1.0] * 4, [0.02, 0.02]),
+        ([100.0, 106.0, 110.0], [50.0, 30.0, 20.0], [0.01, 0.02]),
     ],
-    ids=["two maps", "all the same", "the normalisation decides"],
 )
-def test_the_best_omega_is_where_length_and_cc_together_are_least(omegas, length, cc, wanted):
-    length = np.array(length)
-    cc = np.array(cc)
-    totals = [normal(length) + normal(cc) for normal in (exact.by_range, exact.by_greatest)]
-    assert [exact.best_omegas(np.array(omegas), total) for total in totals] == wanted
+def test_the_best_omega_is_where_length_and_cc_together_are_least(length, cc, wanted):
+    """By range, and by the greatest."""
+    omegas = 0.01 * np.arange(len(length))
+    totals = [
+        normal(np.array(length)) + normal(np.array(cc))
+        for normal in (exact.by_range, exact.by_greatest)
+    ]
+    assert [exact.best_omega(omegas, total) for total in totals] == wanted
 
 
 def test_sums_are_over_the_queries_that_all_answered(tiny_model):

@@ -5,47 +5,32 @@ python -m nnpp_edge.benchmarks.arcs TERRAIN.tif --size 512 --radius 2 --queries 
 """
 
 import json
-import math
-from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import sys
+from collections import Counter
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from itertools import islice
 from pathlib import Path
 
 import click
 import numpy as np
 
 from nnpp_edge.profiling.contest import Harness
-from nnpp_edge.profiling.suites import (
-    Case,
-    TerrainFiles,
-    heights_of,
-    large_enough,
-    terrain_cases,
-    whole_cost,
-)
+from nnpp_edge.profiling.rows import Row, Rows
+from nnpp_edge.profiling.suites import TerrainFiles, heights_of, terrain_cases
+from nnpp_edge.progress import ignore
 from nnpp_edge.runtime import DynamicPlanner, Plan, Planner, Vehicle
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.exercises import exercise
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.options import PlanOptions
-from nnpp_edge.terrain.dem import Dem
-from nnpp_edge.terrain.labels import random_query
-from nnpp_edge.terrain.rocks import Rocks, rock_heights
 
 BODY = Vehicle(1.5, 1.2, 0.3)
 CELL_M = 0.25
 """Side of the rescaled terrain's cells."""
 SEED = 1
 QUERIES_OF_A_MAP = 2
-SMALL_ROCKS_M, SMALL_ROCKS_PER_M2 = (0.2, 1.0), 0.06
-"""Diameters of small rocks, as many of each size as of twice that, and how many of them lie on a
-square metre.
-"""
-ACROSS = 0.7
-"""Least distance of start and goal among them, as a share of the map's side."""
 TICKS = 40
 STEP = 2
 NEAR_CELLS = 25
@@ -55,14 +40,8 @@ change from the robot; a change's side.
 """
 STRIDE = 24
 """States that are driven between two plans of a drive whose cost counts."""
-FIGURES: dict[str, Callable[[list[float]], np.floating]] = {
-    "mean": np.mean,
-    "median": np.median,
-    "p95": partial(np.quantile, q=0.95),
-    "p99": partial(np.quantile, q=0.99),
-    "max": np.max,
-}
-"""Shown of milliseconds and of shares."""
+SHOWN = ("mean", "median", "p95", "p99", "max")
+"""Of milliseconds and of shares."""
 
 
 @click.command(context_settings={"show_default": True})
@@ -73,7 +52,6 @@ FIGURES: dict[str, Callable[[list[float]], np.floating]] = {
 @click.option("--radius", "radius_m", default=2.0, help="Turning radius in metres.")
 @click.option("--forwards", is_flag=True, help="The body cannot go backwards.")
 @click.option("--fixed", is_flag=True, help="Goals have headings, too.")
-@click.option("--small-rocks", is_flag=True, help="Many small rocks, ends across the map.")
 @click.option("--queries", "count", default=20, help="Number of queries that have a path.")
 def main(
     terrain: tuple[Path, ...],
@@ -81,7 +59,6 @@ def main(
     radius_m: float,
     forwards: bool,
     fixed: bool,
-    small_rocks: bool,
     count: int,
 ) -> None:
     """Plan, tick and drive between random headings: figures as JSON, milliseconds and shares by
@@ -93,100 +70,69 @@ def main(
     exercise()  # no kernel is compiled or loaded while the clock runs
     harness = Harness()
     rng = np.random.default_rng(SEED)  # of the headings alone, so that these stay the same
-    solved = 0
-    sources = Counter[str]()
-    found = defaultdict[str, list[float]](list)
     dems = TerrainFiles(terrain, CELL_M).read()
-    if small_rocks:
-        cases = _among_small_rocks(dems, size)
-    else:
-        cases = terrain_cases(dems, "body-rocks10", size, SEED, vehicle=BODY)
-    drawn = ((case, query) for case in cases for query in case.queries[:QUERIES_OF_A_MAP])
-    for case, (start, goal) in islice(drawn, 4 * count):
-        begin, end = rng.uniform(0.0, 360.0, 2)
-        options: PlanOptions = {
-            "start_heading_deg": begin,
-            "goal_heading_deg": end if fixed else None,
-        }
-        heights = heights_of(case.ground)
-        height_m, width_m = case.ground.sides_m
-        make = partial(
-            Ground.of_elevation, heights, height_m, cell_width_m=width_m, vehicle=vehicle
-        )
-        ground = make()
-        exact = Planner(ground).plan(start, goal, **(options | {"method": "astar"}))
-        if not exact.ok:
-            continue
-        seconds, plan = harness.timed(partial(_first_plan, make, start, goal, options))
-        row = {
-            "exact_ms": exact.timings_ms["total"],
-            "first_ms": 1e3 * seconds,
-            "exact_expansions": exact.expansions,
-            "first_expansions": plan.expansions,
-            "gap": plan.cost / exact.cost - 1.0,
-        }
-        for figure, value in row.items():
-            found[figure].append(value)
-        solved += plan.ok
-        sources[str(plan.source)] += 1
-        if not fixed:
-            moving = DynamicPlanner(ground, goal)
+    answers = Rows()
+    ticks = Rows()
+    sources = Counter[str]()
+    tried = solved = 0
+    for case in terrain_cases(dems, "body-rocks10", size, SEED, vehicle=BODY):
+        for start, goal in case.queries[:QUERIES_OF_A_MAP]:
+            tried += 1
+            begin, end = rng.uniform(0.0, 360.0, 2)
+            options: PlanOptions = {
+                "start_heading_deg": begin,
+                "goal_heading_deg": end if fixed else None,
+            }
+            heights = heights_of(case.ground)
+            make = partial(_ground, heights, case.ground.sides_m, vehicle)
+            exact = Planner(make()).plan(start, goal, **(options | {"method": "astar"}))
+            if not exact.ok or len(answers) == count:
+                continue
+            seconds, plan = harness.timed(partial(_first_plan, make, start, goal, options))
+            row: Row = {
+                "exact_ms": exact.timings_ms["total"],
+                "first_ms": 1e3 * seconds,
+                "exact_expansions": exact.expansions,
+                "first_expansions": plan.expansions,
+                "gap": plan.cost / exact.cost - 1.0,
+            }
+            answers.append(row)
+            solved += plan.ok
+            sources[str(plan.source)] += 1
+            if fixed:
+                continue
+            moving = DynamicPlanner(make(), goal)
             moving.move(start, begin)
-            cost = _driven_cost(moving, moving.replan())
-            found["driven"].append(cost / exact.cost - 1.0)
+            _, cost = _driven(harness, moving, STRIDE)
+            row["driven"] = cost / exact.cost - 1.0
             moving.move(start, begin)
-            changes = np.random.default_rng([SEED, solved])
-            ms, cost = _ticks(harness, heights, moving, moving.replan(), changes)
-            found["tick_ms"] += ms
-            found["driven_on_ticks"].append(cost / exact.cost - 1.0)
-        if len(found["gap"]) == count:
+            changes = np.random.default_rng([SEED, len(answers)])
+            change = partial(_change, moving, heights, changes)
+            times, cost = _driven(harness, moving, STEP, change, TICKS)
+            ticks += times
+            row["driven_on_ticks"] = cost / exact.cost - 1.0
+        if len(answers) == count or tried >= 4 * count:
             break
-    if not found:
+    if not answers:
         raise click.ClickException("no query has a path")
-    figures: dict[str, object] = {
+    figures = {
         "size": size,
         "radius_m": radius_m,
         "forwards": forwards,
         "fixed": fixed,
-        "small_rocks": small_rocks,
-        "n": len(found["gap"]),
+        "n": len(answers),
         "solved": solved,
         "sources": sources,
-        "ticks": len(found["tick_ms"]),
+        "ticks": len(ticks),
     }
-    click.echo(json.dumps({**figures, **_summary(found)}, indent=1))
+    for rows in (answers, ticks):
+        for name in rows[0] if rows else ():
+            figures |= rows.figures(" ".join(f"{name}_{how}" for how in SHOWN))
+    click.echo(json.dumps(figures, indent=1))
 
 
-def _among_small_rocks(dems: Sequence[Dem], size: int) -> Iterator[Case]:
-    """Crops of the terrain with rocks of many small sizes, and queries across them."""
-    rng = np.random.default_rng([SEED, size])
-    fitting = large_enough(dems, size)
-    if not fitting:
-        raise click.ClickException(f"wanted terrain of at least {size} × {size} cells")
-    while True:
-        dem = fitting[int(rng.integers(len(fitting)))]
-        sides = dem.cell_size_m, dem.cell_width_m
-        count = int(SMALL_ROCKS_PER_M2 * size**2 * math.prod(sides))
-        least, greatest = SMALL_ROCKS_M
-        diameters = least * (greatest / least) ** rng.random(count)
-        rocks = Rocks(rng.random((count, 2)) * size - 0.5, diameters)
-        heights = dem.random_square(rng, size) + rock_heights((size, size), sides, rocks)
-        heights = np.ascontiguousarray(heights)
-        ground = Ground.of_elevation(heights, sides[0], cell_width_m=sides[1], vehicle=BODY)
-        cost = whole_cost(ground)
-        drawn = [random_query(rng, cost, ACROSS * size) for _ in range(QUERIES_OF_A_MAP)]
-        queries = tuple(query for query in drawn if query is not None)
-        yield Case("small-rocks", size, cost, queries, ground)
-
-
-def _summary(found: Mapping[str, list[float]]) -> dict[str, float]:
-    """All of `FIGURES` of each list that holds anything."""
-    return {
-        f"{name}_{figure}": float(of(values))
-        for name, values in found.items()
-        for figure, of in FIGURES.items()
-        if values
-    }
+def _ground(heights: Float2D, sides_m: tuple[float, float], vehicle: Vehicle) -> Ground:
+    return Ground.of_elevation(heights, sides_m[0], cell_width_m=sides_m[1], vehicle=vehicle)
 
 
 def _first_plan(make: Callable[[], Ground], start: Cell, goal: Cell, options: PlanOptions) -> Plan:
@@ -194,56 +140,43 @@ def _first_plan(make: Callable[[], Ground], start: Cell, goal: Cell, options: Pl
     return Planner(make()).plan(start, goal, **options)
 
 
-def _driven_cost(planner: DynamicPlanner, plan: Plan) -> float:
-    """Cost of the drive to the goal by a new plan every `STRIDE` states, the first being this."""
-    driven = 0.0
-    while len(plan.path) > STRIDE:
-        costs = np.empty(len(plan.path))
-        planner.state.grid.walk(plan.walked, 0, costs)
-        driven += costs[STRIDE]
-        _move(planner, plan, STRIDE)
-        plan = planner.replan()
-        if not plan.ok:
-            return np.inf
-    return driven + plan.cost
-
-
-def _ticks(
+def _driven(
     harness: Harness,
-    heights: Float2D,
     planner: DynamicPlanner,
-    plan: Plan,
-    rng: np.random.Generator,
-) -> tuple[list[float], float]:
-    """Milliseconds of the plans of a drive on which rocks appear and vanish near the robot; and
-    what is driven, and left in the end, costs.
+    step: int,
+    change: Callable[[Cell], None] = ignore,
+    most: int = sys.maxsize,
+) -> tuple[Rows, float]:
+    """Milliseconds of the plans of a drive, a plan every so many states, at `most` so many; and
+    what is driven, and left in the end, costs. The map may `change` around a robot's next cell.
     """
-    rock = ROCK_CELLS
-    times = list[float]()
+    times = Rows()
     driven = 0.0
-    for _ in range(TICKS):
-        if not plan.ok or len(plan.path) <= STEP:
-            break
+    plan = planner.replan()
+    while plan.ok and len(plan.path) > step and len(times) < most:
         costs = np.empty(len(plan.path))
         planner.state.grid.walk(plan.walked, 0, costs)
-        driven += costs[STEP]
-        # a change near the robot, with a rock unless that would lie under it
-        near = rng.integers(-NEAR_CELLS, NEAR_CELLS + 1, 2)
-        corner = np.clip(plan.path[STEP] + near, 0, np.array(planner.shape) - rock)
-        row, col = corner.tolist()
-        patch = heights[row : row + rock, col : col + rock].copy()
-        if np.abs(near + rock // 2).max() > rock + 2:
-            patch[2:5, 2:5] += rng.choice([0.0, 0.2, 0.5])
-        planner.update_elevation(row, col, patch)
-        _move(planner, plan, STEP)
+        driven += costs[step]
+        row, col = plan.path[step].tolist()
+        change((row, col))
+        planner.move((row, col), float(plan.headings_deg[step]))
         seconds, plan = harness.timed(planner.replan)
-        times.append(1e3 * seconds)
+        times.append({"tick_ms": 1e3 * seconds})
     return times, driven + plan.cost
 
 
-def _move(planner: DynamicPlanner, plan: Plan, steps: int) -> None:
-    row, col = plan.path[steps].tolist()
-    planner.move((row, col), float(plan.headings_deg[steps]))
+def _change(
+    planner: DynamicPlanner, heights: Float2D, rng: np.random.Generator, cell: Cell
+) -> None:
+    """A patch near a cell, with a rock unless that would lie under it."""
+    rock = ROCK_CELLS
+    near = rng.integers(-NEAR_CELLS, NEAR_CELLS + 1, 2)
+    corner = np.clip(np.add(cell, near), 0, np.array(planner.shape) - rock)
+    row, col = corner.tolist()
+    patch = heights[row : row + rock, col : col + rock].copy()
+    if np.abs(near + rock // 2).max() > rock + 2:
+        patch[2:5, 2:5] += rng.choice([0.0, 0.2, 0.5])
+    planner.update_elevation(row, col, patch)
 
 
 if __name__ == "__main__":

@@ -8,28 +8,20 @@ of their paths is counted by the common rule.
 
 import importlib
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from importlib.metadata import version
-from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge import __version__
 from nnpp_edge.outcome import gap
-from nnpp_edge.profiling.contest import (
-    Figures,
-    Harness,
-    RivalCalls,
-    Row,
-    Summary,
-    mean,
-    quantile,
-    summarised,
-)
-from nnpp_edge.profiling.suites import QUERIES_PER_MAP, Case, TerrainFiles, source_of, terrain_cases
+from nnpp_edge.profiling.contest import Harness, RivalCalls
+from nnpp_edge.profiling.rows import Facts, Row, Rows
+from nnpp_edge.profiling.suites import Case, TerrainFiles, solvable, source_of, terrain_cases
+from nnpp_edge.progress import Progress, ignore
 from nnpp_edge.runtime import Planner
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.exercises import exercise
@@ -43,16 +35,7 @@ LIMIT_S = 5.0
 SAME_OPTIMUM = 1e-4
 """Costs that differ by no more than this share count as the same."""
 _LENGTH = "length × mean weight"
-_FIGURES: Summary = {
-    "n": lambda columns: len(columns["time_ms"]),
-    "failed": lambda columns: int(sum(columns["failed"])),
-    "time_ms_median": quantile("time_ms", 0.5),
-    "time_ms_p95": quantile("time_ms", 0.95),
-    "times_astar_median": quantile("times_astar", 0.5),
-    "map_ms_median": quantile("map_ms", 0.5),
-    "gap_mean": mean("gap"),
-    "gap_max": quantile("gap", 1.0),
-}
+_FIGURES = "time_ms_median time_ms_p95 times_astar_median map_ms_median gap_mean gap_max"
 Weights = NDArray[np.float32]
 CellPath = NDArray[np.integer]
 """Cells (N, 2)."""
@@ -170,24 +153,24 @@ def path_cost(weights: Weights, path: CellPath) -> float:
 
 def compare(
     planners: Sequence[PeerPlanner],
-    cases: Iterator[Case],
+    cases: Iterable[Case],
     queries: int,
     *,
-    progress: Callable[[int], None] = lambda done: None,
-) -> dict[str, Figures]:
+    progress: Progress = ignore,
+) -> list[Facts]:
     """Have every planner answer the same queries on maps of one size, in turns: a row of figures
     for each.
 
-    Our exact A*, `REFERENCE`, must be among them; queries that it finds no path for are passed
-    over. A planner that takes longer than `LIMIT_S` for the first is left out. `progress` is called
-    with the number of queries that are done. Before the clock starts, each planner prepares the map
-    (counted apart) and answers the map's first query.
+    Our exact A*, `REFERENCE`, must be among them. A planner that takes longer than `LIMIT_S` for
+    the first query is left out. `progress` is called with the number of queries that are done.
+    Before the clock starts, each planner prepares the map (counted apart) and answers its first
+    query.
     """
     harness = Harness()
-    rows: dict[str, list[Row]] = {planner.name: [] for planner in planners}
+    rows = Rows()
     left_out = dict[str, str]()
     done = 0
-    for case in cases:
+    for case, ends in solvable(cases, queries):
         # inf where impassable
         weights = (1.0 + 2.0 * GREY_LEVELS * PAPER_OMEGA * case.cost).astype(np.float32)
         searches = dict[str, Search]()
@@ -196,30 +179,24 @@ def compare(
             if name in left_out:
                 continue
             map_s, search = harness.timed(partial(planner.prepare, weights))
-            rows[name].append({"map_ms": 1e3 * map_s})
-            search(case.queries[0])
-            seconds, _ = harness.timed(partial(search, case.queries[0]))
+            search(ends[0])
+            seconds, _ = harness.timed(partial(search, ends[0]))
             if seconds > LIMIT_S and name != REFERENCE and not done:
                 left_out[name] = (
                     f"left out: {seconds:.1f} s a query, over the limit of {LIMIT_S:g} s"
                 )
             else:
                 searches[name] = search
-        for records in harness.measure(searches, case.queries):
-            if records[REFERENCE].results[0] is None:
-                continue
+                rows.append({"planner": name, "map_ms": 1e3 * map_s})
+        for records in harness.measure(searches, ends):
             for name, record in records.items():
-                rows[name].append(_answer(weights, record, records[REFERENCE]))
+                rows.append({"planner": name, **_answer(weights, record, records[REFERENCE])})
             done += 1
             progress(done)
-            if done == queries:
-                break
-        if done == queries:
-            break
-    return {
-        planner.name: _figures(planner, rows[planner.name], left_out.get(planner.name, ""))
+    return [
+        _figures(planner, rows.of(planner.name), left_out.get(planner.name, ""))
         for planner in planners
-    }
+    ]
 
 
 def _answer(
@@ -230,31 +207,31 @@ def _answer(
     """Figures of a planner's answer beside that of exact A*."""
     row: Row = {
         "time_ms": 1e3 * record.median_s,
-        "failed": True,
+        "failed": 1,
         "times_astar": record.median_s / reference.median_s,
     }
     path = record.results[0]
     exact = reference.results[0]
     assert exact is not None
     if path is not None and (tuple(path[0]), tuple(path[-1])) == record.case:
-        row["gap"] = gap(path_cost(weights, path), path_cost(weights, exact))
-        row["failed"] = False
+        row |= {"gap": gap(path_cost(weights, path), path_cost(weights, exact)), "failed": 0}
     return row
 
 
-def _figures(planner: PeerPlanner, rows: Sequence[Row], note: str) -> Figures:
+def _figures(planner: PeerPlanner, rows: Rows, note: str) -> Facts:
     """All that a planner did."""
-    answered = any("time_ms" in row for row in rows)
-    gaps = [abs(row["gap"]) for row in rows if "gap" in row]
-    failed = any(row.get("failed") for row in rows)
-    same = bool(gaps) and max(gaps) <= SAME_OPTIMUM and not failed
+    answers = rows.having("time_ms")
+    gaps = answers.all("gap")
+    same = len(gaps) == len(answers) and max(map(abs, gaps), default=math.inf) <= SAME_OPTIMUM
     return {
         "planner": planner.name,
         "version": __version__ if planner.package == "nnpp-edge" else version(planner.package),
         "objective": planner.objective,
-        **summarised(rows if answered else (), _FIGURES),
-        "same_optimum": same if answered else None,
-        "note": note or ("" if answered else "no query had a path"),
+        "n": len(answers),
+        "failed": sum(row["failed"] for row in answers),
+        **rows.figures(_FIGURES),
+        "same_optimum": same if answers else None,
+        "note": note,
     }
 
 
@@ -264,8 +241,8 @@ def run(
     terrain: TerrainFiles,
     *,
     seed: int = 1,
-    progress: Callable[[int], None] = lambda done: None,
-) -> tuple[list[Figures], list[str]]:
+    progress: Progress = ignore,
+) -> tuple[list[Facts], list[str]]:
     """The comparison at every size: rows of figures, and the packages that are not installed.
 
     Sizes that no terrain file is large enough for are run on synthetic terrain, and say so.
@@ -273,12 +250,10 @@ def run(
     planners, missing = peer_planners()
     exercise()
     dems = terrain.read()
-    rows = list[Figures]()
+    rows = list[Facts]()
     for at, size in enumerate(sorted(sizes)):
-        # enough maps, and some for queries without a path
-        cases = islice(terrain_cases(dems, SOFT, size, seed), 4 * -(-queries // QUERIES_PER_MAP))
+        cases = terrain_cases(dems, SOFT, size, seed)
         report = partial(lambda before, done: progress(before + done), at * queries)
-        figures = compare(planners, cases, queries, progress=report)
-        source = source_of(dems, size)
-        rows += [{"size": size, "terrain": source, **row} for row in figures.values()]
+        place = {"size": size, "terrain": source_of(dems, size)}
+        rows += [place | row for row in compare(planners, cases, queries, progress=report)]
     return rows, missing

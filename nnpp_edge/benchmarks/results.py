@@ -35,6 +35,7 @@ FRESH = "fresh"
 BODY = "body"
 ARCS = "arcs"
 MISSION = "mission"
+PEERS = "peers"
 SUITES = {
     READY: [
         f"--rescale 20 --workload soft,limit20,limit15 --sizes {sizes} --queries {n} --repeats 2 "
@@ -60,9 +61,10 @@ SUITES = {
         "--size 1024 --radius 2 --queries 40",
     ],
     MISSION: ["--rescale 20"],
+    PEERS: ["--rescale 20 --peers --sizes 256,512,1024"],
 }
 """Options of `nnpp-edge evaluate`, for arcs of `python -m nnpp_edge.benchmarks.arcs` and for the
-mission of `nnpp-edge profile`, beside the terrain.
+mission and other libraries of `nnpp-edge profile`, beside the terrain.
 """
 _OURS = str(Path(sys.executable).with_name("nnpp-edge"))
 _MARK = re.compile(r"(<!-- results: (\w+) -->\n).*?(\n<!-- end -->)", re.DOTALL)
@@ -211,6 +213,17 @@ TABLES: dict[str, tuple[str, tuple[Lines, ...]]] = {
             ),
         ),
     ),
+    PEERS: (
+        " | size | n | ms | times exact A\\*'s time | gap | minimises",
+        (
+            Lines(
+                PEERS,
+                "{peers[planner]} {peers[version]} | {peers[size]}² | {peers[n]} | "
+                "{peers[time_ms_median]:ms} | {peers[times_astar_median]:.2g} | "
+                "{peers[gap_mean]:pc} % | {peers[objective]}",
+            ),
+        ),
+    ),
 }
 """By the names that stand in the pages: heads of columns, joined, and lines."""
 
@@ -272,6 +285,8 @@ def _groups(found: Results, suite: str) -> Iterable[Results]:
     groups: dict[object, Results] = {}
     if suite == MISSION:
         return [{f"{row['planner']}-{row['size']}": row for row in found[suite]}]
+    if suite == PEERS:
+        return [{suite: row} for row in found[suite]]
     for row in found[suite]:
         if suite == ARCS:
             kind = ", forwards alone" * row["forwards"] + ", heading at the goal" * row["fixed"]
@@ -317,13 +332,16 @@ def main(terrain: Path, only: str | None) -> None:
 
 def _measured(suite: str, terrain: Path, options: str) -> list[Results]:
     """Rows of a suite, measured in a process of its own."""
-    command = [_OURS, "profile" if suite == MISSION else "evaluate", "--json", "--terrain"]
+    command = [_OURS, "profile" if suite in (MISSION, PEERS) else "evaluate", "--json", "--terrain"]
     if suite == ARCS:
         command = [sys.executable, "-m", "nnpp_edge.benchmarks.arcs"]
     # a missed budget is an exit code, and a row of the table all the same
     ended = subprocess.run([*command, str(terrain), *options.split()], stdout=-1, check=False)
     found = json.loads(ended.stdout)
-    rows: list[Results] = found.get("results", [found]) if isinstance(found, dict) else found
+    of_profile = {MISSION: "results", PEERS: "rows"}
+    rows: list[Results] = found[of_profile[suite]] if suite in of_profile else found
+    if suite == ARCS:
+        return [found]
     if suite == MISSION:
         of_papers = {"int8_speedup": _papers_int8_speedup()}
         return [row | of_papers if row["planner"] == "paper" else row for row in rows]

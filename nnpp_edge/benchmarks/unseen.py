@@ -1,7 +1,6 @@
 """Drives over unseen ground by rival prices: ``python -m nnpp_edge.benchmarks.unseen MAP``."""
 
-from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
@@ -10,6 +9,7 @@ import click
 import cv2
 import numpy as np
 
+from nnpp_edge.profiling.rows import Rows
 from nnpp_edge.profiling.suites import heights_of, whole_cost
 from nnpp_edge.progress import bar, markdown_table
 from nnpp_edge.reproduction.regions import shuffled
@@ -147,10 +147,8 @@ def drives(
             continue
         for _ in range(min(count, 2)):
             ends = random_query(rng, site.costs, LEAST_APART * side)
-            if ends is None:
-                continue
-            plan = site.whole.plan(*ends, method="astar")
-            if plan.ok:
+            plan = ends and site.whole.plan(*ends, method="astar")
+            if ends and plan and plan.ok:
                 yield site, ends, plan.cost
                 count -= 1
 
@@ -182,7 +180,7 @@ def rivals(model: str) -> dict[str, Price]:
     }
 
 
-def table(excess: Mapping[str, Sequence[float]]) -> str:
+def table(driven: Rows) -> str:
     """Mean excess and its standard error, 90th percentile, and the paired difference to the
     reference, in percent.
 
@@ -190,13 +188,13 @@ def table(excess: Mapping[str, Sequence[float]]) -> str:
     """
     heads = ("price", "mean", "s.e.", "p90", f"to {REFERENCE}", "s.e.", "ratio", "stuck")
     form = "{} | {:.2f} | {:.2f} | {:.2f} | {:+.2f} | {:.2f} | {:.2f} | {}"
-    percent = {name: 100.0 * np.array(found) for name, found in excess.items()}
-    free = np.isfinite(list(percent.values())).all(axis=0)
-    root = np.sqrt(free.sum())
-    base = percent[REFERENCE][free]
+    stuck = {drive for drive, rows in driven.by("drive").items() if np.inf in rows.all("excess")}
+    free = Rows(row for row in driven if row["drive"] not in stuck)
+    base = 100.0 * np.array(free.of(REFERENCE).all("excess"))
+    root = np.sqrt(len(base))
     lines = []
-    for name, every in percent.items():
-        found = every[free]
+    for name, rows in driven.by("planner").items():
+        found = 100.0 * np.array(free.of(name).all("excess"))
         apart = found - base
         line = form.format(
             name,
@@ -206,7 +204,7 @@ def table(excess: Mapping[str, Sequence[float]]) -> str:
             apart.mean(),
             apart.std() / root,
             found.mean() / base.mean(),
-            np.isinf(every).sum(),
+            rows.all("excess").count(np.inf),
         )
         lines.append(line.split(" | "))
     return markdown_table(heads, lines)
@@ -246,15 +244,15 @@ def main(
     if size_m:
         dem = dem.rescaled(size_m)
     prices = rivals(model)
-    excess = defaultdict[str, list[float]](list)
+    rows = Rows()
     driven = drives(dem, workload(name), factor, count, body)
     with bar("drives", count) as advance:
         for done, (site, ends, optimum) in enumerate(driven, 1):
             for rival, price in prices.items():
                 cost = site.driven(ends, price(site), sight)
-                excess[rival].append(cost / optimum - 1.0)
+                rows.append({"drive": done, "planner": rival, "excess": cost / optimum - 1.0})
             advance(done)
-    click.echo(table(excess))
+    click.echo(table(rows))
 
 
 if __name__ == "__main__":

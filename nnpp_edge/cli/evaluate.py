@@ -14,6 +14,7 @@ from nnpp_edge.cli.text import columns, table, tell
 from nnpp_edge.runtime.options import StepOptions
 
 if TYPE_CHECKING:
+    from nnpp_edge.profiling.rows import Facts
     from nnpp_edge.profiling.suites import Case
 
 _WORKLOADS = (
@@ -101,7 +102,7 @@ def command(
     nnpp-edge evaluate --terrain dem.tif --vehicle small-rover --workload body,body-rocks10
     """
     from nnpp_edge.profiling import suites
-    from nnpp_edge.profiling.evaluate import EAGER, evaluate
+    from nnpp_edge.profiling.evaluate import EAGER, evaluate, evaluated
     from nnpp_edge.profiling.rivals import controls, exact_and
     from nnpp_edge.progress import bar
     from nnpp_edge.runtime.network.inference import NetworkModel
@@ -121,27 +122,24 @@ def command(
             f"--methods must be of {', '.join(Method)}, got {', '.join(sorted(unknown))}"
         )
     body = robot.body()
-    directed = robot.step_cost != "paper"
-    if (bodies := of_bodies(workloads)) and body is None:
+    bodies = of_bodies(workloads)
+    if bodies and body is None:
         raise click.UsageError(f"--workload {bodies[0]} needs a vehicle: give --vehicle")
     if body and not bodies:
         raise click.UsageError("--vehicle is for the workloads body and body-rocksN")
-    if directed:
+    if robot.step_cost != "paper":
         robot.mobility().model(robot.step_cost)  # refused now
-    limits = "".join(f" {each.word}" for each in limit)
-    points = [name for name in workloads if name not in bodies]
     own = {
-        name: TerrainOptions(limit=limit, workload=name if name in points else "soft").limits()
+        name: TerrainOptions(limit=limit, workload="soft" if name in bodies else name).limits()
         for name in workloads
     }
-    needed = models if points and {Method.NNPP, Method.AUTO} & set(methods) else ()
-    networks = {Path(name).stem: NetworkModel(name) for name in needed}
+    asked = {Method.NNPP, Method.AUTO} & set(methods) and bodies != [*workloads]
+    networks = {Path(name).stem: NetworkModel(name) for name in (models if asked else ())}
     without_network = [name for name in methods if name != Method.NNPP]
-    control = controls() if networks and Method.NNPP in methods else []
-    of_point, of_body = (
-        [replace(each, **steps) for each in rivals]
-        for rivals in (exact_and(methods, networks) + control, exact_and(without_network, {}))
-    )
+    of_point = exact_and(methods, networks)
+    if networks and Method.NNPP in methods:
+        of_point += controls()
+    of_body = exact_and(without_network, {})
     dems = suites.TerrainFiles(files, rescale, cell_size).read()
     if held_out:
         dems = [stripe_of(dem, (1.0 - validation_share, 1.0)) for dem in dems]
@@ -150,36 +148,30 @@ def command(
 
     def cases(name: str, size: int) -> "Iterator[Case]":
         for case in suites.terrain_cases(dems, name, size, seed, min_distance, body, own[name]):
-            yield replace(
-                case, ground=replace(case.ground, step_cost=robot.step_cost, mobility=mobility)
-            )
+            ground = replace(case.ground, step_cost=robot.step_cost, mobility=mobility)
+            yield replace(case, ground=ground)
 
     runs = list(product(workloads, sizes))
-    rows: list[dict[str, str | float | None]] = []
+    rows: list[Facts] = []
     with bar("evaluate", queries * len(runs)) as advance:
         for at, (name, size) in enumerate(runs):
-            figures = evaluate(
+            answers = evaluate(
                 cases(name, size),
-                of_body if name in bodies else of_point,
+                [replace(each, **steps) for each in (of_body if name in bodies else of_point)],
                 queries,
                 repeats=repeats,
                 fresh_map=fresh_map,
                 progress=lambda done, before=at * queries: advance(before + done),  # type: ignore[misc]
             )
-            rows += [{"workload": name + limits, "size": size, **row} for row in figures.values()]
-    named = [name + limits for name in bodies]
-    of_bodies_rows = [row for row in rows if row["workload"] in named]
-    of_points = [row for row in rows if row["workload"] not in named]
+            words = " ".join([name, *(each.word for each in limit)])
+            rows += [{"workload": words, "size": size, **row} for row in evaluated(answers)]
+    of_bodies_rows = [row for row in rows if "checks_mean" in row]
+    of_points = [row for row in rows if "checks_mean" not in row]
     standing = [row for row in of_points if not str(row["method"]).endswith(EAGER)]
 
     def text() -> str:
-        tables = (
-            (standing, _COLUMNS),
-            (of_points if fresh_map else [], _FRESH_COLUMNS),
-            (of_bodies_rows, _BODY_COLUMNS),
-        )
-        return "\n\n".join(
-            table(each, shown_as, markdown=markdown) for each, shown_as in tables if each
-        )
+        fresh = of_points if fresh_map else []
+        tables = ((standing, _COLUMNS), (fresh, _FRESH_COLUMNS), (of_bodies_rows, _BODY_COLUMNS))
+        return "\n\n".join(table(each, as_, markdown=markdown) for each, as_ in tables if each)
 
     tell(as_json, rows, text, indent=1)

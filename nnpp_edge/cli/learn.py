@@ -164,8 +164,7 @@ def _compared(
     """The network beside other planners on the stripe, in words; figures in a file beside it."""
     import numpy as np
 
-    from nnpp_edge.profiling.contest import Row
-    from nnpp_edge.profiling.evaluate import evaluate
+    from nnpp_edge.profiling.evaluate import evaluate, evaluated
     from nnpp_edge.profiling.rivals import EXACT, RivalPlanner, controls, exact_and
     from nnpp_edge.profiling.suites import LEAST_DISTANCE, Case
     from nnpp_edge.profiling.worth import beside, verdict
@@ -199,23 +198,25 @@ def _compared(
     learned = [RivalPlanner(name, Method.NNPP, NetworkModel(file)) for name, file in networks]
     rivals = exact_and(["corridor"], {}) + learned + controls()
     rivals = [replace(each, omega=omega) for each in rivals]
-    rows: dict[str, list[Row]] = {}
     with bar("compare", queries) as advance:
-        figures = evaluate(cases(), rivals, queries, progress=advance, rows=rows)
+        rows = evaluate(cases(), rivals, queries, progress=advance)
     if not rows:
         raise InvalidQueryError(f"{stripe.source}: wanted a path on the stripe, got none")
-    pairs = [beside(name, rows[OWN], rows[name]) for name in rows if name not in (EXACT, OWN)]
-    told = {"network": str(network), "verdict": verdict(pairs), "beside": pairs, "rows": figures}
+    figures = evaluated(rows)
+    of = rows.by("planner")
+    pairs = [beside(name, of[OWN], of[name]) for name in of if name not in (EXACT, OWN)]
+    by_method = {each["method"]: each for each in figures}
+    told = {"network": str(network), "verdict": verdict(pairs), "beside": pairs, "rows": by_method}
     content = msgspec.json.format(msgspec.json.encode(told), indent=1)
     write_whole(network.with_name("comparison.json"), content)
-    lines = [table(list(figures.values()), _COLUMNS)]
+    lines = [table(figures, _COLUMNS)]
     for each in pairs:
         gap = f"mean gaps differ by {each.gap_points} points"
         speed = f"{each.times_as_fast} times as fast in the median"
         lines.append(f"{OWN} beside {each.other}: {gap}, {speed}: {each.judgement}")
     size = " × ".join(map(str, cost.shape))
     lines.append(
-        f"{len(rows[OWN])} queries on a map of {size} cells that it was not trained on; "
+        f"{len(of[OWN])} queries on a map of {size} cells that it was not trained on; "
         "brackets: 95 %, had other queries been drawn there"
     )
     lines.append(f"verdict: {told['verdict']}")

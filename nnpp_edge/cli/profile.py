@@ -15,7 +15,7 @@ from nnpp_edge.cli import options
 from nnpp_edge.cli.text import tell
 
 if TYPE_CHECKING:
-    from nnpp_edge.profiling.contest import Facts
+    from nnpp_edge.profiling.rows import Facts
 
 _FILES = ("report.json", "report.md", "board-row.md", "report.html")
 _PEERS_SIZES = (256, 512, 1024)
@@ -212,17 +212,13 @@ def _profile(name: str, asked: ProfileOptions) -> int:
     from nnpp_edge.progress import bar
 
     profile = read_profile(name)
-    load = profile.load
     networks = profile.networks
-    read = (*load.terrain, networks.int8, networks.fp32, networks.paper, load.vehicle)
-    written = asked.files(_FILES, filter(None, read))
+    read = (*profile.load.terrain, networks.int8, networks.fp32, networks.paper)
+    written = asked.files(_FILES, filter(None, (*read, profile.load.vehicle)))
     names = ("cell_size", "rescale", "sizes", "queries", "seed", "vehicle")
-    profile, dropped = overridden(
-        profile,
-        terrain=tuple(map(str, asked.terrain)) or None,
-        **{key: getattr(asked, key) for key in names},
-    )
-    notes = [f"left out, as their sizes are not measured: {', '.join(dropped)}"] if dropped else []
+    changes = {key: getattr(asked, key) for key in names}
+    terrain = tuple(map(str, asked.terrain)) or None
+    profile, notes = overridden(profile, terrain=terrain, **changes)
     with bar("profile", queries_in(profile.load), quiet=True) as advance:
         report = profile_machine(
             profile,
@@ -256,11 +252,12 @@ def _page(report: "Facts") -> str:
     """The report as a page of HTML; empty, which is said, where the extra `viz` is not
     installed.
     """
-    try:
-        from nnpp_edge.viz.figures import page
+    from nnpp_edge.runtime.errors import MissingExtraError
+    from nnpp_edge.viz.figures import page
 
+    try:
         return page(report)
-    except ImportError as error:
+    except MissingExtraError as error:
         click.echo(f"note: {_FILES[-1]} is left out: {error}", err=True)
         return ""
 

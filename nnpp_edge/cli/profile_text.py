@@ -1,14 +1,15 @@
 """The findings of `nnpp-edge profile` for people: tables on a terminal, or in Markdown."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
 
 from nnpp_edge.cli.text import Columns, Row, aligned, columns, table
-from nnpp_edge.profiling.contest import Facts, Figures
+from nnpp_edge.profiling.compare import machine_words
 from nnpp_edge.profiling.figures import stages_of
 from nnpp_edge.profiling.inference import int8_in_words
 from nnpp_edge.profiling.judge import IN_WORDS, measured, place, wanted
-from nnpp_edge.progress import MISSING, shown
+from nnpp_edge.profiling.rows import Facts
+from nnpp_edge.progress import MISSING
 from nnpp_edge.runtime.errors import INSTALL
 
 
@@ -45,18 +46,6 @@ _PEERS = columns(
     "× astar/median: times_astar_median | map/ms: map_ms_median | gap/mean: gap_mean z.2% | "
     "gap/max: gap_max z.2% | same/optimum: same_optimum"
 )
-_WHOLE_RUN = (
-    ("peak_memory_mb", "peak memory", "MB"),
-    ("model_mb", "model", "MB"),
-    ("prior_ms", "prices of 64² unseen blocks", "ms"),
-    *(
-        (f"{key}_{state}_{end}", f"{name} {state}{of}", unit)
-        for key, name in (("start_up", "first plan"), ("first_tick", "first tick"))
-        for state in ("cold", "warm")
-        for end, of, unit in (("s", "", "s"), ("mb", ", peak", "MB"))
-    ),
-)
-"""Key, name and unit of what there is one figure of for each planner."""
 
 
 def report_text(report: Facts, *, markdown: bool = False) -> str:
@@ -66,53 +55,39 @@ def report_text(report: Facts, *, markdown: bool = False) -> str:
     results = report["results"]
     stages = {name: partial(_stage, name) for name in stages_of(results)}
     arrived = [row for row in results if row["map_ms"] is not None]
-    tables: list[tuple[str, Sequence[Row], Columns]] = [
-        ("Times, speed-ups and path costs", results, _RESULTS),
-        ("Mean ms by stage, and share of the whole", results, columns(_PLACE) | stages),
-        ("Maps and patches of elevations that have just arrived", arrived, _ARRIVALS),
-        ("The onboard loop: from a patch's arrival to the checked path", report["loop"], _LOOP),
-    ]
     head = "## " if markdown else ""
-    parts = [
-        f"{head}{title}\n\n{table(rows, as_, markdown=markdown)}"
-        for title, rows, as_ in tables
-        if rows
+    bullet = "- " if markdown else ""
+
+    def part(title: str, rows: Sequence[Row], as_: Columns) -> str:
+        return f"{head}{title}\n\n{table(rows, as_, markdown=markdown)}" if rows else ""
+
+    def lines(found: Iterable[str]) -> str:
+        return "\n".join(f"{bullet}{line}" for line in found)
+
+    verdict = [
+        part("Budgets", report["budgets"], _BUDGETS),
+        lines(
+            f"{line['name']} ({line['planner']}, {place(line)}): {line['why']}"
+            for line in report["budgets"]
+            if line["why"]
+        ),
     ]
-    machine = {name: value for name, value in _machine(report) if value}
+    measured = [
+        part("Times, speed-ups and path costs", results, _RESULTS),
+        part("Mean ms by stage, and share of the whole", results, columns(_PLACE) | stages),
+        part("Maps and patches of elevations that have just arrived", arrived, _ARRIVALS),
+        part("The onboard loop: from a patch's arrival to the checked path", report["loop"], _LOOP),
+        lines(_sentences(report)),
+        f"{head}Machine",
+        lines(f"{name}: {words}" for name, words in machine_words(report).items()),
+        lines(f"note: {line}" for line in report["notes"]),
+    ]
+    answers = report.get("answers", "")
+    parts = [answers, *measured, *verdict, report["summary"]]
     if markdown:
-        facts = [f"{name} {value}" for name, value in machine.items()]
-        facts += [f"note {line}" for line in report["notes"]]
-        budgets = table(report["budgets"], {**_BUDGETS, **columns("why")}, markdown=True)
-        parts = [
-            f"# {report['profile']['title']}",
-            report.get("answers", ""),
-            report["summary"],
-            *([f"## Budgets\n\n{budgets}"] if report["budgets"] else []),
-            *parts,
-        ]
-        sentences, machines = (
-            "\n".join(f"- {line}" for line in lines) for lines in (_sentences(report), facts)
-        )
-        return "\n\n".join([*parts, sentences, "## Machine", machines]) + "\n"
-    parts.insert(0, report.get("answers", ""))
-    parts += ["\n".join(_sentences(report)), aligned(machine)]
-    parts += ["\n".join(f"note: {line}" for line in report["notes"])]
-    parts += [_budgets(report["budgets"]), report["summary"]]
-    return "\n\n".join(filter(None, parts))
-
-
-def _budgets(budgets: Sequence[Row]) -> str:
-    """The budgets, and below each why its verdict is no plain one."""
-    if not budgets:
-        return ""
-    head, rule, body = table(budgets, _BUDGETS).partition("─\n")
-    lines = [head + rule.rstrip()]
-    rows = [line for line in body.splitlines() if line.strip(" ─")]
-    for row, budget in zip(rows, budgets, strict=True):
-        lines.append(row)
-        if budget["why"]:
-            lines.append(f"   why: {budget['why']}")
-    return "\n".join(lines)
+        title = f"# {report['profile']['title']}"
+        parts = [title, answers, report["summary"], *verdict, *measured]
+    return "\n\n".join(filter(None, parts)) + "\n" * markdown
 
 
 def _stage(name: str, row: Row) -> str:
@@ -133,42 +108,6 @@ def _sentences(report: Facts) -> Iterator[str]:
             yield f"{row['workload']} {row['size']}²: {int8_in_words(row['int8_speedup'])}"
     if lost := sum(row["without_path"] for row in report["loop"]):
         yield f"the onboard loop had no path after {lost} patches"
-
-
-def _machine(report: Facts) -> Iterator[tuple[str, str]]:
-    facts = report["environment"]
-    sensors = report["sensors"]
-    flags = ", ".join(facts["flags"]) or "none of note"
-    cores = ", ".join(map(str, report["cores"]))
-    yield "machine", f"{facts['cpu']} ({flags}), cores {cores}"
-    governor = ", ".join(facts["governor"] or ()) or MISSING
-    load = " ".join(map(str, facts["load_average"]))
-    yield "system", f"governor {governor}, load {load} over 1, 5 and 15 minutes"
-    packages = [f"{name} {version or MISSING}" for name, version in facts["packages"].items()]
-    yield "packages", ", ".join(packages)
-    for key, name, unit in _WHOLE_RUN:
-        by_planner = report["besides"].get(key) or {}
-        figures = [f"{who} {shown(value)} {unit}" for who, value in by_planner.items()]
-        yield name, ", ".join(figures)
-    halves = report["disturbance"]["halves"]
-    taken = [max(half["waited_share"], half["others_share"] or 0.0) for half in halves]
-    shares = " and ".join(shown(share, ".1%") for share in taken)
-    yield "others took", f"{shares} of the halves of the run"
-    yield "clocks", _readings(sensors["clock_mhz"], "core ", "MHz", "limit")
-    yield "temperature", _readings(sensors["temperature_c"], "", "°C", "trip")
-    yield "throttled", sensors["throttled"]
-
-
-def _readings(found: dict[str, dict[str, float | None]], what: str, unit: str, limit: str) -> str:
-    """The range of each sensor's readings, and its limit."""
-    ranges = []
-    for name, each in found.items():
-        least = shown(each["min"])
-        words = f"{what}{name} {least} to {shown(each['max'])} {unit}"
-        if each[limit] is not None:
-            words += f" ({limit} {shown(each[limit])})"
-        ranges.append(words)
-    return ", ".join(ranges) or f"{MISSING} (not reported by the kernel)"
 
 
 _BUDGETS: Columns = {
@@ -198,7 +137,7 @@ def comparison_text(comparison: Facts) -> str:
     return "\n".join(parts)
 
 
-def peers_text(rows: Sequence[Figures], missing: Sequence[str], *, markdown: bool = False) -> str:
+def peers_text(rows: Sequence[Facts], missing: Sequence[str], *, markdown: bool = False) -> str:
     """The rows beside other libraries: the table, what each planner minimises, and who was left
     out.
     """

@@ -40,8 +40,8 @@ def command(
     The paper's method runs with the paper's own network, ours with `edge`; --model replaces both.
     Without --terrain the ground is the shipped sample, at cells of 20 m.
 
-    EXPERIMENT is one of table1, fig7, table2, fig9, fig11, fig12, fig14, table3 and table4; by
-    default all. Each gets a folder with its figures (CSV) and a picture (PNG); README.md has the
+    EXPERIMENT is a table or figure of docs/reproduce.md, such as table2 or fig9; by default all.
+    Each gets a folder with its figures (CSV) and a picture (PNG); README.md has the
     tables and the verdicts. Complete experiments are not run again.
 
     \b

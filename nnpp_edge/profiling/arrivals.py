@@ -3,13 +3,13 @@ checked one.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
 
 from nnpp_edge.profiling.contest import Harness
 from nnpp_edge.profiling.rivals import RivalPlanner
+from nnpp_edge.profiling.rows import Rows
 from nnpp_edge.profiling.suites import heights_of
 from nnpp_edge.runtime.cells import Endpoints, slices
 from nnpp_edge.runtime.loop.connections import InProcessSource
@@ -88,34 +88,21 @@ def prior_ms(harness: Harness) -> float:
     return 1e3 * float(np.median(times))
 
 
-@dataclass
-class Reactions:
-    """Answers of the onboard loop to patches, one at each tick."""
-
-    ms: list[float] = field(default_factory=list)
-    """From the loop's reading of each patch to the path being handed on."""
-    planned: int = 0
-    """Answers with a new path."""
-    kept: int = 0
-    """Answers with the standing path."""
-    without_path: int = 0
-    late: int = 0
-    """Answers after the tick's end."""
-
-
 def reactions(
     ground: Ground,
     queries: Sequence[Endpoints],
     loop: OnboardLoop,
     patches: int,
-) -> Reactions:
-    """Run the onboard loop at its rate on this map, with a patch of elevations at each tick.
+) -> Rows:
+    """Run the onboard loop at its rate on this map, with a patch of elevations at each tick: a row
+    for each answer, with ``reaction_ms`` from the loop's reading of the patch to the path being
+    handed on.
 
     With every other patch a hill appears on the newest path; with the next it is gone. The first of
     the queries share the patches.
     """
     source = InProcessSource()
-    found = Reactions()
+    found = Rows()
     path = np.array(queries[0])
     counts = False
     queries = queries[:_QUERIES]
@@ -131,11 +118,15 @@ def reactions(
     def after_tick(message: PathMessage) -> None:
         nonlocal path
         if counts:
-            found.ms.append(1e3 * running.tick_s)
-            found.planned += message.ok and message.origin is not Origin.STANDING
-            found.kept += message.origin is Origin.STANDING
-            found.without_path += not message.ok
-            found.late += running.tick_s > 1.0 / loop.rate_hz
+            kept = message.origin is Origin.STANDING
+            row = {
+                "reaction_ms": 1e3 * running.tick_s,
+                "planned": message.ok and not kept,
+                "kept": kept,
+                "without_path": not message.ok,
+                "late": running.tick_s > 1.0 / loop.rate_hz,
+            }
+            found.append(row)
         path = message.path if message.ok else path
         feed()
 

@@ -8,7 +8,6 @@ import re
 from collections import Counter
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
-from nnpp_edge.profiling.contest import Facts
 from nnpp_edge.profiling.judge import (
     FAIL,
     IN_WORDS,
@@ -19,7 +18,8 @@ from nnpp_edge.profiling.judge import (
     value_of,
     wanted,
 )
-from nnpp_edge.profiling.profile_file import QUANTITIES
+from nnpp_edge.profiling.quantities import QUANTITIES
+from nnpp_edge.profiling.rows import Facts
 
 _MEDIANS = {
     **{f"{basis}_ms": basis for basis in ("map", "patch", "reaction")},

@@ -5,11 +5,12 @@ boards.
 import json
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple, cast
+from typing import cast
 
-from nnpp_edge.profiling.contest import PLACE, Facts
+from nnpp_edge.profiling.judge import value_of
 from nnpp_edge.profiling.report import SCHEMA
-from nnpp_edge.progress import MISSING, markdown_table
+from nnpp_edge.profiling.rows import PLACE, Facts
+from nnpp_edge.progress import MISSING, markdown_table, shown
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.reading import parse, read_text, refused_as
 
@@ -19,36 +20,21 @@ WORSE = "worse"
 NOISY = "noisy"
 
 
-class _Compared(NamedTuple):
-    """How a figure is compared."""
-
-    name: str
-    path: str
-    """Its keys in a row of results, joined by dots; planners it was not measured of, and older
-    reports, may lack it.
-    """
-    more_is_better: bool = False
-    clocked: bool = True
-    """Whether a disturbed run may have changed it."""
-    least: float = 0.0
-    """A change of no more than this counts as none, whatever its share."""
-    of_rest: bool = False
-    """Shares near 1 are compared by what is missing to 1."""
-
-
-_FIGURES = (
-    _Compared("time_ms median", "time_ms.median", least=0.005),
-    _Compared("time_ms mean", "time_ms.mean", least=0.005),
-    _Compared("inference_ms median", "inference_ms_median", least=0.005),
-    _Compared("map_ms median", "map_ms.median", least=0.005),
-    _Compared("patch_ms median", "patch_ms.median", least=0.005),
-    _Compared("speedup total", "speedup_total", True),
-    _Compared("gap mean", "gap_mean", clocked=False, least=0.0005),
-    _Compared("success first", "success_first", True, False, least=0.01, of_rest=True),
-    _Compared("success", "success", True, False, of_rest=True),
-)
-"""Medians, means and shares. Tails such as p99 differ from run to run by more than any tolerance of
-use.
+_FIGURES = """
+time_ms median      | time_ms_median      | 0.005  | time
+time_ms mean        | time_ms_mean        | 0.005  | time
+inference_ms median | inference_ms_median | 0.005  | time
+map_ms median       | map_ms              | 0.005  | time
+patch_ms median     | patch_ms            | 0.005  | time
+speedup total       | speedup_total       | 0      | time, more
+gap mean            | gap_mean            | 0.0005 |
+success first       | success_first       | 0.01   | more, rest
+success             | success             | 0      | more, rest
+"""
+"""What is compared: its name, the figure of a row, the change up to which it counts as the same,
+whatever its share; whether a disturbed run may have changed it (time), whether more of it is
+better, and whether it is near 1 and compared by what is missing (rest). Tails such as p99 differ
+from run to run by more than any tolerance of use.
 """
 
 
@@ -82,11 +68,17 @@ def compare(before: Facts, after: Facts, tolerance: float) -> Facts:
         doubtful = bool(_doubt(before) or _doubt(after))
         old = {PLACE(row): row for row in before["results"]}
         for row in after["results"]:
-            for figure in _FIGURES:
-                was = _inside(old.get(PLACE(row)), figure.path)
-                now = _inside(row, figure.path)
+            for line in _FIGURES.strip().splitlines():
+                name, figure, least, kind = (cell.strip() for cell in line.split("|"))
+                was = value_of(old.get(PLACE(row), {}), figure)
+                now = value_of(row, figure)
                 if was is not None and now is not None:
-                    lines.append(_line(row, figure, was, now, tolerance, doubtful))
+                    change, state = _changed(was, now, float(least), kind, tolerance)
+                    if doubtful and state == WORSE and "time" in kind:
+                        state = NOISY
+                    place = {key: row[key] for key in ("workload", "size", "planner")}
+                    told = {"figure": name, "before": was, "after": now}
+                    lines.append({**place, **told, "change": change, "verdict": state})
     if not lines:
         raise InvalidQueryError(
             "wanted reports with a workload, size and planner in common, got two without"
@@ -96,32 +88,18 @@ def compare(before: Facts, after: Facts, tolerance: float) -> Facts:
     return {"verdict": verdict, "tolerance": tolerance, "notes": notes, "lines": lines}
 
 
-def _line(
-    row: Facts,
-    figure: _Compared,
-    was: float,
-    now: float,
-    tolerance: float,
-    doubtful: bool,
-) -> Facts:
-    worse_by = was - now if figure.more_is_better else now - was
+def _changed(
+    was: float, now: float, least: float, kind: str, tolerance: float
+) -> tuple[float | None, str]:
+    """By which share a figure became worse, None where that was 0, and its verdict."""
+    worse_by = was - now if "more" in kind else now - was
     # over the smaller of both: twice as slow and twice as fast are the same change
-    both = (1.0 - was, 1.0 - now) if figure.of_rest else (was, now)
+    both = (1.0 - was, 1.0 - now) if "rest" in kind else (was, now)
     base = min(map(abs, both))
     change = worse_by / base if base else None
-    state = SAME
-    if abs(worse_by) > figure.least and (change is None or abs(change) > tolerance):
-        state = BETTER
-        if worse_by > 0.0:
-            state = NOISY if doubtful and figure.clocked else WORSE
-    return {
-        **{key: row[key] for key in ("workload", "size", "planner")},
-        "figure": figure.name,
-        "before": was,
-        "after": now,
-        "change": change if worse_by else 0.0,
-        "verdict": state,
-    }
+    if abs(worse_by) <= least or (change is not None and abs(change) <= tolerance):
+        return change if worse_by else 0.0, SAME
+    return change, WORSE if worse_by > 0.0 else BETTER
 
 
 _ALIKE = {
@@ -174,8 +152,6 @@ def board_table(report: Facts) -> str:
 
 def board(report: Facts) -> dict[str, str]:
     """The report's words for each column of the table in docs/boards.md."""
-    facts = report["environment"]
-    sensors = report["sensors"]
     results = report["results"]
     workload = results[0]["workload"]
 
@@ -187,6 +163,44 @@ def board(report: Facts) -> dict[str, str]:
                 found.append(f"{row['size']}² {row[key]['median']:.3g}")
         return " · ".join(found) or MISSING
 
+    machine = machine_words(report)
+    profile = report["profile"]
+    return {
+        "date": report["made"][:10],
+        **{name: machine[name] for name in _MACHINE},
+        "profile": f"{profile['name']}: {workload}",
+        "A*, ms": medians("astar"),
+        "corridor, ms": medians("corridor"),
+        "nnpp int8, ms": medians("nnpp"),
+        "nnpp fp32, ms": medians("nnpp-fp32"),
+        "auto, ms": medians("auto"),
+        "first path of a map, ms": medians(profile["planner"], "map_ms"),
+        "verdict": report["verdict"],
+        "others took": machine["others took"],
+        "throttled": machine["throttled"],
+    }
+
+
+_MACHINE = ("processor", "cores", "flags", "clock", "memory", "system", "versions")
+"""Columns of the table of boards."""
+_WHOLE_RUN = (
+    ("peak_memory_mb", "peak memory", "MB"),
+    ("model_mb", "model", "MB"),
+    ("prior_ms", "prices of 64² unseen blocks", "ms"),
+    *(
+        (f"{key}_{state}_{end}", f"{name} {state}{of}", unit)
+        for key, name in (("start_up", "first plan"), ("first_tick", "first tick"))
+        for state in ("cold", "warm")
+        for end, of, unit in (("s", "", "s"), ("mb", ", peak", "MB"))
+    ),
+)
+"""Key, name and unit of what there is one figure of for each planner."""
+
+
+def machine_words(report: Facts) -> dict[str, str]:
+    """The machine of a run, and how it ran, in words."""
+    facts = report["environment"]
+    sensors = report["sensors"]
     clocks = sensors["clock_mhz"].values()
     greatest = MISSING if facts["clock_mhz"] is None else f"{facts['clock_mhz']:.0f} MHz"
     ran = "not told while it ran"
@@ -198,25 +212,26 @@ def board(report: Facts) -> dict[str, str]:
     named = ("python", "nnpp-edge", "numpy", "numba", "onnxruntime")
     halves = report["disturbance"]["halves"]
     shares = [half[key] or 0.0 for half in halves for key in ("waited_share", "others_share")]
-    system = facts["system"] or "Linux"
     throttled = "no" if clocks or sensors["temperature_c"] else "not told"
-    return {
-        "date": report["made"][:10],
+    words = {
         "processor": facts["cpu"],
         "cores": f"{len(report['cores'])} of {facts['cores_online'] or '?'}",
         "flags": ", ".join(facts["flags"]) or MISSING,
         "clock": f"{greatest}, {ran}",
         "memory": f"{facts['memory_mb'] / 1024:.1f} GiB",
-        "system": f"{system}, kernel {facts['kernel']}, {facts['architecture']}",
-        "versions": ", ".join(f"{name} {versions[name]}" for name in named),
-        "profile": f"{report['profile']['name']}: {workload}",
-        "A*, ms": medians("astar"),
-        "corridor, ms": medians("corridor"),
-        "nnpp int8, ms": medians("nnpp"),
-        "nnpp fp32, ms": medians("nnpp-fp32"),
-        "auto, ms": medians("auto"),
-        "first path of a map, ms": medians(report["profile"]["planner"], "map_ms"),
-        "verdict": report["verdict"],
+        "system": f"{facts['system'] or 'Linux'}, kernel {facts['kernel']}, "
+        f"{facts['architecture']}",
+        "versions": ", ".join(f"{name} {versions.get(name)}" for name in named),
         "others took": f"{100 * max(shares):.1f} %",
         "throttled": sensors["throttled"] or throttled,
+        "governor": ", ".join(facts["governor"] or ()),
+        "load": " ".join(map(str, facts["load_average"])),
     }
+    for key, name, unit in _WHOLE_RUN:
+        by_planner = report["besides"].get(key) or {}
+        figures = [f"{who} {shown(value)} {unit}" for who, value in by_planner.items()]
+        words[name] = ", ".join(figures)
+    zones = sensors["temperature_c"].items()
+    ranges = (f"{zone} {shown(each['min'])} to {shown(each['max'])} °C" for zone, each in zones)
+    words["temperature"] = ", ".join(ranges)
+    return {name: value for name, value in words.items() if value}

@@ -1,43 +1,21 @@
-"""Rivals × queries: timed side by side in turns, judged by exact A*, a tidy row an answer, figures
-of the rows.
-"""
+"""Rivals × queries: timed side by side in turns, judged by exact A*, a tidy row an answer."""
 
 import gc
 import time
-from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
-from operator import itemgetter
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
 
 from nnpp_edge.outcome import outcome
+from nnpp_edge.profiling.rows import Row
 from nnpp_edge.progress import ignore
 from nnpp_edge.runtime.planners.plan import Plan
 
 CaseT = TypeVar("CaseT")
 ResultT = TypeVar("ResultT")
-Line = Mapping[str, Any]
-"""A line of a table, by key."""
-Facts = dict[str, Any]
-"""Content of JSON, by key; docs/reference/figures.md says what the keys of a profile's report mean.
-"""
-PLACE = itemgetter("workload", "size", "planner")
-"""What tells a row of results from the others of its report."""
-Row = dict[str, float]
-"""Figures of an answer, without those that were not measured or that no path has. Shares are means
-of 0 and 1.
-"""
-Figures = dict[str, str | float | None]
-"""Figures by key; None where there was nothing to count."""
-Columns = Mapping[str, list[float]]
-"""The values of all rows by the names of their figures."""
-Figure = Callable[[Columns], float | None]
-"""None where there was nothing to count."""
-Summary = Mapping[str, Figure]
 
 
 @dataclass(frozen=True)
@@ -127,55 +105,22 @@ def _no_garbage_collection() -> Iterator[None]:
             gc.enable()
 
 
-def answer(plan: Plan, time_ms: float, optimum: float, exact_ms: float | None) -> Row:
-    """A plan's figures beside the optimum's cost; `exact_ms` is exact A*'s time, where it was
-    measured.
+def answer(plan: Plan, time_ms: float, optimum: Plan, exact_ms: float | None) -> Row:
+    """A plan's figures beside the optimum; `exact_ms` is exact A*'s time, where it was measured.
+    Whether it was found in the ``first`` region, and whether at all, ``solved``.
     """
-    of = outcome(plan.cost, optimum, source=plan.source)
+    of = outcome(plan.cost, optimum.cost, source=plan.source)
     found: Row = {
         "time_ms": time_ms,
         "first": of["found"],
-        "solved": plan.ok,
+        "solved": float(plan.ok),
         "expansions": plan.expansions,
         "costs_computed": plan.costs_computed,
+        "checks": plan.checks,
     }
-    if of["found"]:
-        found["first_ms"] = time_ms
     if exact_ms is not None:
         found |= {"exact_ms": exact_ms, "speedup": exact_ms / time_ms}
     if plan.ok:
-        found |= {"gap": of["gap"], "cc": plan.traverse_cost}
+        cc = {"cc": plan.traverse_cost, "exact_cc": optimum.traverse_cost}
+        found |= {"gap": of["gap"], **cc}
     return found
-
-
-def summarised(rows: Iterable[Row], summary: Summary) -> Figures:
-    """Figures of the rows of one rival."""
-    columns: dict[str, list[float]] = defaultdict(list)
-    for row in rows:
-        for name, value in row.items():
-            columns[name].append(value)
-    return {key: figure(columns) for key, figure in summary.items()}
-
-
-def of(name: str, reduce: Callable[[list[float]], np.floating]) -> Figure:
-    """Reduces a column to a figure; None where it is empty."""
-    return lambda columns: float(reduce(columns[name])) if columns[name] else None
-
-
-def mean(name: str) -> Figure:
-    return of(name, np.mean)
-
-
-def quantile(name: str, share: float) -> Figure:
-    """The value of a column that this share of its values lie below."""
-    return of(name, partial(np.quantile, q=share))
-
-
-def ratio(name: str, other: str) -> Figure:
-    """The sum of a column over that of another; None where that is none."""
-
-    def figure(columns: Columns) -> float | None:
-        whole = sum(columns[other])
-        return sum(columns[name]) / whole if whole > 0.0 else None
-
-    return figure

@@ -2,12 +2,13 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from msgspec.structs import asdict, replace
 
-from nnpp_edge.profiling.contest import PLACE, Facts, Line
-from nnpp_edge.profiling.profile_file import LOOP, QUANTITIES, Budget, Profile
+from nnpp_edge.profiling.profile_file import LOOP, Budget, Profile
+from nnpp_edge.profiling.quantities import QUANTITIES
+from nnpp_edge.profiling.rows import PLACE, Facts, Line
 from nnpp_edge.profiling.sensors import Throttling
 from nnpp_edge.progress import shown, with_unit
 
@@ -43,15 +44,14 @@ _TEN_TIMES = 10.0
 """In a noisy run a budget is kept where it is by this factor."""
 
 
-@dataclass(frozen=True)
-class Noise:
+class Noise(NamedTuple):
     """Time of others while the run was made."""
 
     words: str = ""
     """Empty if that is little."""
     share: float = 0.0
     """Of the time."""
-    throttling: Throttling = field(default_factory=Throttling)
+    throttling: Throttling = Throttling()
     """Whether the processor was slowed."""
 
 

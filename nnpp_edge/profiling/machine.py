@@ -16,8 +16,8 @@ from typing import TypeVar
 import numpy as np
 
 from nnpp_edge import __version__
-from nnpp_edge.profiling.contest import Facts
-from nnpp_edge.profiling.sensors import Sensors, text_of
+from nnpp_edge.profiling.rows import Facts
+from nnpp_edge.profiling.sensors import CLOCKS, Sensors, text_of
 
 ResultT = TypeVar("ResultT")
 _X86 = "avx2 fma f16c avx512f avx512bw avx512_vnni avx_vnni amx_tile amx_int8"
@@ -65,7 +65,7 @@ def environment(cores: Sequence[int]) -> Facts:
     names = [name for name in (board, " + ".join(parts)) if name]
     cpu = ", ".join(names) or info.get("model name") or architecture
 
-    clocks = [*Sensors(cores, _SYS).limits.clock_mhz.values()]
+    clocks = [*Sensors(cores, _SYS).limits[CLOCKS].values()]
     if not clocks and "cpu MHz" in info:
         clocks = [float(info["cpu MHz"])]
     folder = _SYS / "devices/system/cpu"

@@ -3,13 +3,14 @@
 from importlib.resources import files
 from itertools import chain, product
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
 import msgspec
 from msgspec import Meta
 from msgspec.structs import asdict, replace
 
-from nnpp_edge.profiling.contest import Facts
+from nnpp_edge.profiling.quantities import QUANTITIES, THOUSANDTH
+from nnpp_edge.profiling.rows import Facts
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.settings import Core, OnboardLoop
 from nnpp_edge.runtime.options import METHODS, STILL
@@ -32,57 +33,6 @@ _Side = Annotated[int, Meta(ge=16, le=1 << 15)]
 _Finite = Annotated[float, Meta(ge=-_LARGEST, le=_LARGEST)]
 _Positive = Annotated[float, Meta(gt=0.0, le=_LARGEST)]
 _Names = Annotated[tuple[str, ...], Meta(min_length=1)]
-
-
-class Quantity(NamedTuple):
-    """A figure that budgets are set on, of a planner at one workload and size;
-    docs/reference/figures.md says what each is.
-    """
-
-    unit: str
-    basis: str = ""
-    """Of which medians the two halves of a run must agree: ``time``, ``inference``, ``map``,
-    ``patch``, ``reaction``, ``ratio`` (exact A*'s time over the planner's), ``plain_ratio`` (that
-    of an A* in plain Python) or ``int8_ratio``. Empty where noise changes nothing."""
-    scale: float = 1.0
-    """From the figure in a report to the unit of budgets: shares are kept as such, budgets are set
-    in percent.
-    """
-    whole_run: bool = False
-    """There is one figure for the run, not one for each workload and size."""
-    of_loop: bool = False
-    """It is a figure of the onboard loop, not of a planner."""
-
-
-_TABLE = {
-    "fps": Quantity("1/s", "time"),
-    "time_ms_median time_ms_p90 time_ms_p99 time_ms_max": Quantity("ms", "time"),
-    "inference_fps": Quantity("1/s", "inference"),
-    "inference_ms_median": Quantity("ms", "inference"),
-    "map_fps": Quantity("1/s", "map"),
-    "map_ms map_ms_p99": Quantity("ms", "map"),
-    "patch_ms patch_ms_p99": Quantity("ms", "patch"),
-    "reaction_ms reaction_ms_p99 reaction_ms_p999": Quantity("ms", "reaction", of_loop=True),
-    "late_per_hour": Quantity("1/h", "reaction", of_loop=True),
-    "speedup_median speedup_total": Quantity("x", "ratio"),
-    "speedup_plain": Quantity("x", "plain_ratio"),
-    "int8_speedup": Quantity("x", "int8_ratio"),
-    "gap_mean gap_p99 gap_max cc_excess success_first success": Quantity("%", scale=100.0),
-    "expansions_median": Quantity("1"),
-    "energy_mj": Quantity("mJ", "time"),
-    "peak_memory_mb": Quantity("MB", whole_run=True),
-    "start_up_warm_s start_up_cold_s": Quantity("s", "time", whole_run=True),
-    "start_up_warm_mb start_up_cold_mb": Quantity("MB", whole_run=True),
-    "first_tick_warm_s first_tick_cold_s": Quantity("s", "time", whole_run=True, of_loop=True),
-    "first_tick_warm_mb first_tick_cold_mb": Quantity("MB", whole_run=True, of_loop=True),
-    "prior_ms": Quantity("ms", "time", whole_run=True, of_loop=True),
-    "model_mb": Quantity("MB", whole_run=True),
-}
-"""The quantities of one row share everything but their names."""
-QUANTITIES = {name: kind for names, kind in _TABLE.items() for name in names.split()}
-THOUSANDTH = 1000
-"""Fewer samples have no slowest thousandth."""
-STARTS = tuple(name for name in QUANTITIES if name.startswith(("start_up", "first_tick")))
 
 
 class ProfileError(InvalidQueryError):
@@ -249,12 +199,13 @@ def read_profile(name: str | Path) -> Profile:
 
 def overridden(profile: Profile, **changes: object) -> tuple[Profile, list[str]]:
     """The profile with another load, as options on the command line ask for; None changes nothing.
-    Also the names of the budgets that were left out because their size is no longer measured.
+    Also a note on the budgets that are left out because their size is no longer measured.
     """
     load = changed(profile.load, **changes)
-    kept = [each for each in profile.budgets if each.size in (None, *load.sizes)]
-    dropped = [each.name for each in profile.budgets if each not in kept]
-    return replace(profile, load=load, budgets=tuple(kept)), dropped
+    kept = tuple(each for each in profile.budgets if each.size in (None, *load.sizes))
+    dropped = ", ".join(each.name for each in profile.budgets if each not in kept)
+    notes = [f"left out, as their sizes are not measured: {dropped}"] if dropped else []
+    return replace(profile, load=load, budgets=kept), notes
 
 
 def _profile(content: Facts, name: str) -> Profile:

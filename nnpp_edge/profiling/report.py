@@ -7,8 +7,8 @@ from datetime import UTC, datetime
 
 from nnpp_edge import __version__
 from nnpp_edge.profiling.arrivals import prior_ms
-from nnpp_edge.profiling.contest import Facts, Harness
-from nnpp_edge.profiling.figures import break_even, loop_rows, rows
+from nnpp_edge.profiling.contest import Harness
+from nnpp_edge.profiling.figures import break_even, loop_rows, results
 from nnpp_edge.profiling.judge import (
     MOST_DISTURBED,
     Noise,
@@ -21,9 +21,12 @@ from nnpp_edge.profiling.judge import (
 from nnpp_edge.profiling.machine import Disturbance, environment, pinned
 from nnpp_edge.profiling.measure import ProfileMaps, rivals_of, run
 from nnpp_edge.profiling.processes import peak_memory_mb, start_up
-from nnpp_edge.profiling.profile_file import LOOP, STARTS, SYNTHETIC, Profile
+from nnpp_edge.profiling.profile_file import LOOP, SYNTHETIC, Profile
+from nnpp_edge.profiling.quantities import STARTS
 from nnpp_edge.profiling.rivals import RivalPlanner
-from nnpp_edge.profiling.sensors import Sensors, Throttling, sensor_facts, throttling
+from nnpp_edge.profiling.rows import Facts
+from nnpp_edge.profiling.sensors import Sensors, Throttling
+from nnpp_edge.profiling.suites import solvable
 from nnpp_edge.progress import Progress, ignore
 from nnpp_edge.runtime.options import STILL
 from nnpp_edge.terrain.workloads import body_rocks
@@ -59,16 +62,15 @@ def profile_machine(
         sensors = Sensors(cores)
         measured = run(profile, rivals, cores, sensors=sensors, progress=progress)
         whole_run = _whole_run(profile, rivals, starts, say)
-    results = rows(measured)
-    loop = loop_rows(measured, profile.loop)
+    rows = results(measured.answers)
+    loop = loop_rows(measured.reactions, profile.loop)
     if load.terrain != (SYNTHETIC,):
-        made = {row["size"] for row in results if row["terrain"] == SYNTHETIC}
+        made = {row["size"] for row in rows if row["terrain"] == SYNTHETIC}
         for size in sorted(made):
             said.append(f"no terrain has {size} × {size} cells: synthetic ground in its place")
-    slowed = throttling(sensors.readings, sensors.limits)
-    noise = _noise(measured.disturbance, slowed)
-    lines = judged(profile, results, whole_run, noise, loop)
-    of_points = [row for row in results if body_rocks(row["workload"]) is None]
+    noise = _noise(measured.disturbance, sensors.throttling())
+    lines = judged(profile, rows, whole_run, noise, loop)
+    of_points = [row for row in rows if body_rocks(row["workload"]) is None]
     ending = verdict(lines, noise)
     halves = []
     for half in measured.disturbance:
@@ -83,11 +85,11 @@ def profile_machine(
         "answers": answers(lines),
         "summary": summary(ending, lines, noise.words),
         "budgets": lines,
-        "results": results,
+        "results": rows,
         "loop": loop,
-        "break_even": break_even(of_points or results),
+        "break_even": break_even(of_points or rows),
         "disturbance": {"words": noise.words, "halves": halves},
-        "sensors": sensor_facts(sensors.readings, sensors.limits),
+        "sensors": sensors.facts(),
         "besides": whole_run,
         "cores": cores,
         "environment": environment(cores),
@@ -107,13 +109,12 @@ def _whole_run(
     sizes_mb = {name: 1e-6 * file.stat().st_size for name, file in files.items()}
 
     say("peak memory, in processes of their own")
-    for on_map in ProfileMaps(load).maps(load.workloads[0], max(load.sizes)):
-        if on_map.connections()(on_map.queries[0]):
-            break
+    maps = ProfileMaps(load).maps(load.workloads[0], max(load.sizes))
+    on_map, (query,) = next(solvable(maps, 1))
     peaks = {}
     for rival in rivals:
         model = str(files.get(rival.name, files["nnpp"]))
-        peak = peak_memory_mb(on_map, on_map.queries[0], rival.method, model)
+        peak = peak_memory_mb(on_map, query, rival.method, model)
         if peak is not None:
             peaks[rival.name] = peak
     found = {"model_mb": sizes_mb, "peak_memory_mb": peaks, "prior_ms": {LOOP: prior_ms(Harness())}}

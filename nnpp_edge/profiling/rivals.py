@@ -2,7 +2,9 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
+from nnpp_edge.profiling.suites import Case
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.state import MapState, map_state
@@ -79,6 +81,30 @@ class RivalPlanner:
         not kept.
         """
         return replace(self, model=self.model and self.model.share())
+
+
+class OnMap:
+    """Rivals on a map that stands, each as a function of a query."""
+
+    def __init__(self, case: Case, rivals: Iterable[RivalPlanner], *, lazy: bool = True) -> None:
+        self._rivals = {rival.name: rival for rival in rivals}
+        self._make = {
+            name: partial(rival.planner, case.standing, lazy=lazy)
+            for name, rival in self._rivals.items()
+        }
+        self._planners = {name: make() for name, make in self._make.items()}
+        self._renewed = case.ground.vehicle is not None
+        self.calls = {name: partial(self.plan, name) for name in self._rivals}
+
+    def plan(self, name: str, query: Endpoints, *, keep_regions: bool = False) -> Plan:
+        """A rival's answer."""
+        rival = self._rivals[name]
+        return rival.plan(self._planners[name], query, keep_regions=keep_regions)
+
+    def renew(self, name: str) -> None:
+        """With a vehicle make a rival's planner anew, which then has checked no pose."""
+        if self._renewed and name in self._planners:
+            self._planners[name] = self._make[name]()
 
 
 def exact_and(methods: Iterable[str], models: Mapping[str, NetworkModel]) -> list[RivalPlanner]:

@@ -1,7 +1,8 @@
 """Maps and queries to judge planners by, from terrain files."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +31,8 @@ LEAST_DISTANCE = 0.35
 _CELLS_TO_A_BODY = 4.0
 """Cells of synthetic ground along a vehicle."""
 _TRIES = 50
+_MAPS_TRIED = 20
+"""Times as many maps as queries are wanted are searched for those that have a path."""
 
 
 @dataclass(frozen=True)
@@ -192,4 +195,27 @@ def terrain_cases(
     raise InvalidQueryError(
         f"no two passable cells {least:.0f} apart were found in {_TRIES} maps of {size} × {size} "
         f"for the workload {name}"
+    )
+
+
+def solvable(
+    cases: Iterable[Case], count: int, most: int = QUERIES_PER_MAP
+) -> Iterator[tuple[Case, list[Endpoints]]]:
+    """Cases with those of their queries that have a path, `most` of each, until there are `count`.
+
+    InvalidQueryError if too many maps have too few.
+    """
+    missing = count
+    tried = 0
+    for case in islice(cases, _MAPS_TRIED * count):
+        tried += 1
+        queries = list(islice(filter(case.connections(), case.queries), min(missing, most)))
+        missing -= len(queries)
+        if queries:
+            yield case, queries
+        if not missing:
+            return
+    raise InvalidQueryError(
+        f"wanted {count} queries with a path on maps of {case.size} × {case.size} "
+        f"({case.workload}), found {count - missing} on {tried} maps"
     )

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.profiling.contest import Row
+from nnpp_edge.profiling.rows import Rows
 
 RESAMPLED = 2000
 """Draws of the queries, with replacement, that an interval is made of."""
@@ -58,12 +58,11 @@ class Beside:
         return BETTER if gap.high < 0.0 or speed.low > AS_FAST else ALIKE
 
 
-def beside(other: str, own: Sequence[Row], others: Sequence[Row]) -> Beside:
-    """Compare `rows` of `profiling.evaluate.evaluate` with those of another planner."""
-    pairs = list(zip(own, others, strict=True))
-    gaps = np.array([ours["gap"] - theirs["gap"] for ours, theirs in pairs])
-    faster = np.array([theirs["time_ms"] / ours["time_ms"] for ours, theirs in pairs])
-    drawn = np.random.default_rng(0).integers(len(pairs), size=(RESAMPLED, len(pairs)))
+def beside(other: str, own: Rows, others: Rows) -> Beside:
+    """Compare the rows of a planner's answers with those of another one."""
+    gaps = np.subtract(own.all("gap"), others.all("gap"))
+    faster = np.divide(others.all("time_ms"), own.all("time_ms"))
+    drawn = np.random.default_rng(0).integers(len(gaps), size=(RESAMPLED, len(gaps)))
     return Beside(
         other,
         _interval(100.0 * gaps.mean(), 100.0 * gaps[drawn].mean(axis=1)),

@@ -1,6 +1,6 @@
 """Table 1 and Fig. 7: what needs no network, the building of A*'s graph and the weight ω."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -8,12 +8,12 @@ import numpy as np
 
 from nnpp_edge.profiling.contest import Harness
 from nnpp_edge.profiling.plain_astar import build_graph, search
+from nnpp_edge.profiling.rows import Row, Rows
 from nnpp_edge.reproduction import drawing, paper
-from nnpp_edge.reproduction.drawing import Panel
-from nnpp_edge.reproduction.experiment import Context, Result
-from nnpp_edge.reproduction.findings import Finding, judge
+from nnpp_edge.reproduction.experiment import Context, Experiment
+from nnpp_edge.reproduction.findings import Finding, stated
 from nnpp_edge.reproduction.planners import PLAIN
-from nnpp_edge.reproduction.rows import Row, Rows, percent, spread, times
+from nnpp_edge.reproduction.table import percent, spread, times
 from nnpp_edge.runtime.arrays import Float2D, Floats, in_blocks
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -21,7 +21,7 @@ from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.search.astar import astar
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.terrain.step_cost import StepModel
-from nnpp_edge.viz.figures import new_figure
+from nnpp_edge.viz.figures import Curve, Panel, chart
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,14 +29,11 @@ if TYPE_CHECKING:
 _OMEGA = f"{paper.OMEGA:.3f} ± {paper.OMEGA_DEVIATION:.3f}"
 
 
-def table1(
-    context: Context, *, sizes: Sequence[int] = (64, 128, 256, 512, 1024), maps: int = 5
-) -> Result:
+def table1(context: Context, *, sizes: Sequence[int], maps: int) -> Iterator[Row]:
     """Average maps of the greatest size down to the others, start and goal with them, and time
     plain A*.
     """
     sizes = context.fitting(sizes)
-    rows = Rows()
     harness = Harness()
     for number, case, query in context.maps([max(sizes)], maps):
         for size in sizes:
@@ -45,21 +42,18 @@ def table1(
             search_s, path = harness.timed(partial(search, graph, *ends))
             assert path is not None  # a cell is impassable only if all that it covers is
             row = paper.graph_row(size, PLAIN, graph_s, search_s, len(path))
-            rows.append({"map": number, **row})
-    everything = Rows(row for row in (*paper.TABLE_1, *rows) if row["size"] in sizes)
+            yield {"map": number, **row}
+
+
+def _table1_picture(rows: Rows) -> "Figure":
     styles = {paper.ASTAR: "o--", PLAIN: "o-"}
     title = "Mean time of a query, the graph included"
-    charts = [
-        Panel(everything, "time_s", styles, title, "seconds"),
-        Panel(everything, "graph_share", styles, "Share of the graph in the time"),
+    share = "Share of the graph in the time"
+    panels = [
+        drawing.by_size(rows, "time_s", styles, title, "seconds"),
+        drawing.by_size(rows, "graph_share", styles, share, ""),
     ]
-    return Result(
-        rows,
-        ("size", "planner"),
-        table1_findings(rows),
-        drawing.by_size(charts),
-        everything,
-    )
+    return chart([panels])
 
 
 def _scaled(cost: Float2D, query: Endpoints, size: int) -> tuple[Float2D, Endpoints]:
@@ -81,14 +75,14 @@ def table1_findings(rows: Rows) -> Iterator[Finding]:
     shares = [of.mean("graph_share") for of in by_size.values()]
     ends = dict.fromkeys((percent(min(shares), 0), percent(max(shares), 0)))
     ours = f"{' to '.join(ends)} (plain A*)"
-    yield judge(
+    yield stated(
         "the graph takes about 85 % of A*'s time",
         percent(paper.GRAPH_SHARE, 0),
         ours,
         "within 10 points at every size",
         all(abs(share - paper.GRAPH_SHARE) <= 0.1 for share in shares),
     )
-    yield judge(
+    yield stated(
         "the graph takes the greater part of A*'s time",
         "84 to 89 %",
         ours,
@@ -104,7 +98,7 @@ def table1_findings(rows: Rows) -> Iterator[Finding]:
         return rows.of(size=large).mean("time_s") / rows.of(size=small).mean("time_s")
 
     cells = (large / small) ** 2
-    yield judge(
+    yield stated(
         f"time grows with the number of cells ({cells:.0f}× from {small}² to {large}²)",
         times(grown(paper.TABLE_1)),
         f"{grown(rows):.0f}× (plain A*)",
@@ -113,24 +107,17 @@ def table1_findings(rows: Rows) -> Iterator[Finding]:
     )
 
 
-def fig7(
-    context: Context,
-    *,
-    maps: int = paper.OMEGA_MAPS,
-    size: int = 256,
-    fine: int = 50,
-    coarse: int = 30,
-) -> Result:
+def fig7(context: Context, *, maps: int, size: int, fine: int, coarse: int) -> Iterator[Row]:
     """Sweep ω on many maps by exact A*: `fine` values up to 0.05, `coarse` ones from there to 0.2,
-    and 0.
+    and 0; and the best ω of each map, by how LEN and CC are normalised.
     """
-    size = context.one_size(size)
+    (size,) = context.fitting([size])
     up_to_005 = np.linspace(0.0, 0.05, fine + 1)
     omegas = np.r_[up_to_005, np.linspace(0.05, paper.OMEGA_MOST, coarse + 1)[1:]]
-    rows = Rows()
     harness = Harness()
     workspace = Workspace((size + 2) ** 2)
     for number, case, query in context.maps([size], maps):
+        swept = Rows()
         for omega in omegas.tolist():
             grid = Grid.of(case.cost, StepModel.of("paper", omega))
             time_s, found = harness.timed(partial(astar, grid, *query, workspace))
@@ -138,131 +125,132 @@ def fig7(
             row["length"] = grid.costs_of(found.path)[1]
             # by the map's own costs, as the grid's are all 0 at ω = 0
             row["cc"] = float(case.cost[tuple(found.path.T)].sum(dtype=np.float64))
-            rows.append({**row, "time_s": time_s})
-    length, cc, times_s = (
-        np.reshape(rows.all(name), (maps, -1)) for name in ("length", "cc", "time_s")
-    )
-    typical_s = np.median(times_s, axis=0)
-    best = {
-        "by range": best_omegas(omegas, by_range(length) + by_range(cc)),
-        "by greatest": best_omegas(omegas, by_greatest(length) + by_greatest(cc)),
-    }
-    length = by_range(length)
-    cc = by_range(cc)
-    return Result(
-        rows,
-        ("normalised",),
-        fig7_findings(omegas, length.mean(0), cc.mean(0), typical_s, best),
-        _draw_sweep(omegas, length, cc, typical_s, best),
-        [
-            {"normalised": how, "best_omega": omega}
-            for how, found in best.items()
-            for omega in found
-        ],
-    )
+            swept.append({**row, "time_s": time_s})
+        length = np.array(swept.all("length"))
+        cc = np.array(swept.all("cc"))
+        shares = zip(by_range(length).tolist(), by_range(cc).tolist(), strict=True)
+        for row, (of_length, of_cc) in zip(swept, shares, strict=True):
+            yield row | {"length_of_range": of_length, "cc_of_range": of_cc}
+        for how, normal in (("by range", by_range), ("by greatest", by_greatest)):
+            best = best_omega(omegas, normal(length) + normal(cc))
+            yield {"map": number, "normalised": how, "best_omega": best}
 
 
 def by_range(values: Floats) -> Floats:
-    """(M, N) brought to [0, 1] on each of M maps: least to 0, greatest to 1."""
-    return by_greatest(values - values.min(axis=1, keepdims=True))
+    """Brought to [0, 1]: least to 0, greatest to 1."""
+    return by_greatest(values - values.min())
 
 
 def by_greatest(values: Floats) -> Floats:
-    """(M, N) divided by the greatest of each map."""
-    unit: Floats = values / np.maximum(values.max(axis=1, keepdims=True), 1e-12)
+    """Divided by the greatest."""
+    unit: Floats = values / max(values.max(), 1e-12)
     return unit
 
 
-def best_omegas(omegas: Floats, total: Floats) -> list[float]:
-    """The ω of each of M maps at which LEN + CC, (M, N), is least; the middle one where several
-    are.
-    """
-    least = [np.flatnonzero(row <= row.min() + 1e-9) for row in total]
-    return [float(omegas[each[len(each) // 2]]) for each in least]
+def best_omega(omegas: Floats, total: Floats) -> float:
+    """The ω at which LEN + CC is least; the middle one where several are."""
+    least = np.flatnonzero(total <= total.min() + 1e-9)
+    return float(omegas[least[len(least) // 2]])
 
 
-def fig7_findings(
-    omegas: Floats,
-    length: Floats,
-    cc: Floats,
-    typical_s: Floats,
-    best: Mapping[str, list[float]],
-) -> Iterator[Finding]:
-    """Findings on the mean length and CC, by range, and the median time at each ω, and each map's
-    best ω.
-    """
-    for how, found in best.items():
-        yield judge(
+def _best(rows: Rows) -> dict[str, list[float]]:
+    """The best ω of each map, by how length and CC are normalised."""
+    normalised = rows.having("normalised").by("normalised")
+    return {how: of.all("best_omega") for how, of in normalised.items()}
+
+
+def _curves(rows: Rows) -> Floats:
+    """(4, N): the values of ω, mean length and CC by range, and the median time at each."""
+    return np.transpose(
+        [
+            (omega, of.mean("length_of_range"), of.mean("cc_of_range"), np.median(of.all("time_s")))
+            for omega, of in rows.having("omega").by("omega").items()
+        ]
+    )
+
+
+def fig7_findings(rows: Rows) -> Iterator[Finding]:
+    """Findings on the means at each ω, the median time there, and each map's best ω."""
+    for how, found in _best(rows).items():
+        yield stated(
             f"best ω per grey level, LEN and CC normalised {how}",
             _OMEGA,
             spread(found, 4),
             "our mean lies within the paper's deviation",
-            bool(abs(np.mean(found) - paper.OMEGA) <= paper.OMEGA_DEVIATION),
+            abs(np.mean(found) - paper.OMEGA) <= paper.OMEGA_DEVIATION,
         )
+    omegas, length, cc, typical_s = _curves(rows)
     middle = int(np.argmin(length + cc))
-    yield judge(
+    yield stated(
         "some ω between the ends makes LEN + CC least",
         "yes",
         f"ω = {omegas[middle]:.3f} on the mean",
         "neither the first nor the last ω",
         0 < middle < len(omegas) - 1,
     )
-    way = "LEN {:.2f} → {:.2f}, CC {:.2f} → {:.2f}"
-    yield judge(
+    yield stated(
         "the greater ω, the longer the path and the smaller its CC",
         "yes",
-        way.format(length[0], length[-1], cc[0], cc[-1]),
+        f"LEN {length[0]:.2f} → {length[-1]:.2f}, CC {cc[0]:.2f} → {cc[-1]:.2f}",
         "no step goes the other way by over 0.02",
-        bool(np.diff(length).min() > -0.02 and np.diff(cc).max() < 0.02),
+        np.diff(length).min() > -0.02 and np.diff(cc).max() < 0.02,
     )
     first = typical_s[0]
     knee = typical_s[omegas <= paper.OMEGA][-3:].mean()
     settled = typical_s[omegas >= 0.25 * paper.OMEGA_MOST]
     last = settled.mean()
-    yield judge(
+    yield stated(
         "planning time rises at first and then stays",
         "yes",
         f"{1e3 * first:.2f} ms at 0, {1e3 * knee:.2f} ms at {paper.OMEGA}, "
         f"{1e3 * last:.2f} ms from 0.05 on",
         f"up by a fifth or more at ω = {paper.OMEGA}; beyond a quarter of the sweep within 35 %",
-        bool(knee > 1.2 * first and np.ptp(settled) <= 0.35 * last),
+        knee > 1.2 * first and np.ptp(settled) <= 0.35 * last,
     )
 
 
-def _draw_sweep(
-    omegas: Floats,
-    length: Floats,
-    cc: Floats,
-    typical_s: Floats,
-    best: Mapping[str, list[float]],
-) -> "Figure":
-    """Length and CC, (M, N) by range, their sum beside the time, and the best ω of each map."""
-    figure = new_figure(13, 4.2)
-    left, middle, right = figure.subplots(1, 3)
-    for label, values in (("LEN", length), ("CC", cc)):
-        mean = values.mean(0)
-        deviation = values.std(0)
-        left.plot(omegas, mean, label=label)
-        left.fill_between(omegas, mean - deviation, mean + deviation, alpha=0.18, linewidth=0)
-    middle.plot(omegas, (length + cc).mean(0), label="LEN + CC")
-    label = "time of exact A*, median, over its longest"
-    middle.plot(omegas, typical_s / typical_s.max(), label=label)
-    labels = [f"{how}: {spread(found, 4)}" for how, found in best.items()]
-    right.hist(list(best.values()), 20, label=labels)
-    least = paper.OMEGA - paper.OMEGA_DEVIATION
-    most = paper.OMEGA + paper.OMEGA_DEVIATION
-    for axes, title in (
-        (left, "Normalised by range; mean ± deviation"),
-        (middle, "LEN + CC, and time"),
-        (right, f"Best ω of {len(length)} maps"),
-    ):
-        axes.axvspan(
-            least,
-            most,
-            color=drawing.PAPER,
-            alpha=0.25,
-            label=f"paper: {_OMEGA}",
-        )
-        drawing.tidy(axes, title, "ω per grey level")
-        axes.legend(fontsize="small")
-    return figure
+def _fig7_picture(rows: Rows) -> "Figure":
+    """Mean length and CC and the median time at each ω, and each map's best ω."""
+    omegas, length, cc, typical_s = _curves(rows)
+    x = "ω per grey level"
+    both = [Curve(omegas, length, "-", "LEN"), Curve(omegas, cc, "-", "CC")]
+    both.append(Curve(omegas, length + cc, "-", "LEN + CC"))
+    best = [
+        Curve(sorted(found), range(1, len(found) + 1), "-", f"{how}: {spread(found, 4)}")
+        for how, found in _best(rows).items()
+    ]
+    ends = (paper.OMEGA - paper.OMEGA_DEVIATION, paper.OMEGA + paper.OMEGA_DEVIATION)
+    paper_s = Curve(ends, (0.0, 0.0), "|-", f"paper: {_OMEGA}", drawing.PAPER)
+    panels = [
+        Panel("LEN and CC, normalised by range", both, x),
+        Panel("Time of exact A*", [Curve(omegas, typical_s, "-")], x, "seconds"),
+        Panel("Maps whose best ω is no greater", [*best, paper_s], x),
+    ]
+    return chart([panels])
+
+
+EXPERIMENTS = {
+    "table1": Experiment(
+        "Table 1",
+        "Building the graph against searching it",
+        table1,
+        ("size", "planner"),
+        table1_findings,
+        _table1_picture,
+        {"sizes": (64, 128, 256, 512, 1024), "maps": 5},
+        {"sizes": (64, 128, 256), "maps": 1},
+        paper.TABLE_1,
+        networks=(),
+    ),
+    "fig7": Experiment(
+        "Fig. 7",
+        "The weight ω of the traversability cost",
+        fig7,
+        ("normalised",),
+        fig7_findings,
+        _fig7_picture,
+        {"maps": paper.OMEGA_MAPS, "size": 256, "fine": 50, "coarse": 30},
+        {"maps": 8, "fine": 25},
+        networks=(),
+    ),
+}

@@ -1,13 +1,17 @@
 """The paper's claims beside the measured figures, judged by plain rules."""
 
+import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
+from nnpp_edge.profiling.rows import Rows
 from nnpp_edge.reproduction.planners import CONTROLS_OF
-from nnpp_edge.reproduction.rows import Rows, percent
+from nnpp_edge.reproduction.table import percent
 
 
 class Verdict(StrEnum):
@@ -32,53 +36,95 @@ class Finding:
     controls: tuple[str, ...] = ()
     """Controls that meet the rule as well: then it says nothing about the network."""
 
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """Its line in a table."""
+        controls = ", ".join(self.controls) or "–"
+        return self.claim, self.paper, self.ours, self.rule, controls
+
 
 ENOUGH = 100
 """Queries from which on a verdict needs no interval."""
 SAMPLES = 200
 _PLACE = ("scene", "size")
-_NONE = Rows()
-Rule = Callable[[Rows], bool]
-"""Whether rows are as claimed."""
+ONE_POINT = 0.01
+WITHIN = "within one point"
+
+
+class Figure(NamedTuple):
+    """A figure of rows, and how it is written."""
+
+    of: Callable[[Rows], float]
+    written: Callable[[float], str]
+
+
+def speedup(slow: str, fast: str) -> Figure:
+    """Of one planner over another."""
+    return Figure(lambda rows: rows.speedup(slow, fast), "{:.3g}×".format)
+
+
+def increase(planner: str) -> Figure:
+    """Share by which a planner's CC exceeds the optimum."""
+    return Figure(lambda rows: rows.increase(planner), partial(percent, digits=2))
+
+
+def mean(name: str, planner: str, **values: object) -> Figure:
+    """Mean share of a planner's rows."""
+    return Figure(lambda rows: rows.of(planner, **values).mean(name), percent)
+
+
+def stated(
+    claim: str, paper: str, ours: str, rule: str, holds: object, *, better: bool = False
+) -> Finding:
+    """A finding that has no controls, and hangs on no few queries."""
+    met = Verdict.BETTER if better else Verdict.AGREES
+    return Finding(claim, paper, ours, rule, met if holds else Verdict.DIFFERS)
 
 
 def judge(
     claim: str,
     paper: str,
-    ours: str,
     rule: str,
-    holds: bool | Rule,
-    rows: Rows = _NONE,
-    planner: str = "",
+    figure: Figure,
+    rows: Rows,
+    planner: str,
     *,
-    better: bool = False,
-    figure: Callable[[Rows], float] | None = None,
-    shown: Callable[[float], str] = str,
+    least: float = -math.inf,
+    most: float = math.inf,
+    above: float = -math.inf,
+    below: float = math.inf,
+    better_from: float = math.inf,
+    better_to: float = -math.inf,
+    also: Callable[[Rows], bool] = bool,
+    ours: str = "",
 ) -> Finding:
-    """A finding: whether its rule holds, and, where it is a rule on `rows`, with which controls in
-    place of the planner's network it holds as well.
+    """A finding: whether a figure lies within limits, and with which controls in place of the
+    planner's network it does as well, where they are as good in what is `also` asked.
 
     Of few queries it is said whether they are enough: samples of them, drawn with replacement, must
-    nearly all give the same verdict. With a `figure` of the rows the interval of those is `shown`.
+    nearly all give the same verdict. What is `ours` is the figure, with the interval of the
+    samples, where no other words are given.
     """
-    drawn = drawn_anew(rows) if callable(holds) else []
-    if drawn and figure is not None:
-        low, high = np.nanquantile([figure(each) for each in drawn], (0.025, 0.975))
-        ours += f" ({shown(low)} to {shown(high)})"
-    if callable(holds) and drawn:
-        agreed = np.mean([holds(each) for each in drawn])
-        if 0.025 < agreed < 0.975:
-            return Finding(claim, paper, ours, rule, Verdict.TOO_FEW)
-    verdict = Verdict.BETTER if better else Verdict.AGREES
-    earned = []
-    if callable(holds):
-        for kind, name in CONTROLS_OF.get(planner, {}).items():
-            if rows.of(name) and holds(with_control(rows, kind)):
-                earned.append(kind)
-        holds = holds(rows)
-    if not holds:
-        return Finding(claim, paper, ours, rule, Verdict.DIFFERS)
-    return Finding(claim, paper, ours, rule, verdict, tuple(earned))
+
+    def holds(rows: Rows) -> bool:
+        value = figure.of(rows)
+        return least <= value <= most and above < value < below and also(rows)
+
+    drawn = drawn_anew(rows)
+    if not ours:
+        ours = figure.written(figure.of(rows))
+        if drawn:
+            low, high = np.nanquantile([figure.of(each) for each in drawn], (0.025, 0.975))
+            ours += f" ({figure.written(low)} to {figure.written(high)})"
+    better = not better_to < figure.of(rows) < better_from
+    finding = stated(claim, paper, ours, rule, holds(rows), better=better)
+    if drawn and 0.025 < np.mean([holds(each) for each in drawn]) < 0.975:
+        return replace(finding, verdict=Verdict.TOO_FEW)
+    if finding.verdict is Verdict.DIFFERS:
+        return finding
+    controls = CONTROLS_OF.get(planner, {}).items()
+    earned = [kind for kind, name in controls if rows.of(name) and holds(with_control(rows, kind))]
+    return replace(finding, controls=tuple(earned))
 
 
 def drawn_anew(rows: Rows) -> list[Rows]:
@@ -111,36 +157,23 @@ def with_control(rows: Rows, kind: str) -> Rows:
 
 
 def judge_speedup(
-    claim: str,
-    theirs: float,
-    rows: Rows,
-    slow: str,
-    fast: str,
-    *,
-    near: bool = False,
+    claim: str, theirs: float, rows: Rows, slow: str, fast: str, *, near: bool = False
 ) -> Finding:
     """A finding on the speed-up of one planner over another: theirs within 25 %, or more.
 
     With `near` a control counts where its CC increase is no more than a point above the network's.
     """
-    ours = rows.speedup(slow, fast)
     most = rows.increase(fast) + 0.01
-
-    def holds(rows: Rows) -> bool:
-        as_good = not near or rows.increase(fast) <= most
-        return as_good and rows.speedup(slow, fast) >= 0.75 * theirs
-
     return judge(
         claim,
         f"{theirs:.1f}×",
-        f"{ours:.3g}×",
         "within 25 % of the paper's",
-        holds,
+        speedup(slow, fast),
         rows,
         fast,
-        better=ours > 1.25 * theirs,
-        figure=lambda rows: rows.speedup(slow, fast),
-        shown=lambda gain: f"{gain:.3g}×",
+        least=0.75 * theirs,
+        better_from=1.25 * theirs,
+        also=lambda rows: not near or rows.increase(fast) <= most,
     )
 
 
@@ -148,16 +181,8 @@ def judge_increase(claim: str, theirs: float, rows: Rows, planner: str) -> Findi
     """A finding on the share by which a planner's CC exceeds the optimum: theirs within one point,
     or less.
     """
-    ours = rows.increase(planner)
-    return judge(
-        claim,
-        percent(theirs),
-        percent(ours, 2),
-        "within one point",
-        lambda rows: rows.increase(planner) <= theirs + 0.01,
-        rows,
-        planner,
-        better=ours < theirs - 0.01,
-        figure=lambda rows: rows.increase(planner),
-        shown=lambda share: percent(share, 2),
-    )
+    most = theirs + ONE_POINT
+    least = theirs - ONE_POINT
+    figure = increase(planner)
+    paper = percent(theirs)
+    return judge(claim, paper, WITHIN, figure, rows, planner, most=most, better_to=least)

@@ -1,17 +1,16 @@
 """Fig. 14 and 15: the network's region for several goals, and around moving obstacles."""
 
 import math
-from collections import defaultdict
 from collections.abc import Iterator
 
+from nnpp_edge.profiling.rows import Rows
 from nnpp_edge.profiling.suites import LEAST_DISTANCE, Case
 from nnpp_edge.reproduction import drawing
-from nnpp_edge.reproduction.drawing import RegionPicture
-from nnpp_edge.reproduction.experiment import Context, Result
-from nnpp_edge.reproduction.findings import Finding, judge
+from nnpp_edge.reproduction.experiment import BOTH, Context, Experiment
+from nnpp_edge.reproduction.findings import Figure, Finding, judge, mean
 from nnpp_edge.reproduction.planners import OneMap
 from nnpp_edge.reproduction.regions import NETWORK
-from nnpp_edge.reproduction.rows import Rows, percent
+from nnpp_edge.reproduction.table import percent
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -32,11 +31,11 @@ _MAPS = 40
 """Maps that are tried for one on which the goals can be reached and the obstacles leave a way."""
 
 
-def fig14(context: Context, *, size: int = 256, goals: int = 5) -> Result:
+def fig14(context: Context, *, size: int, goals: int) -> Rows:
     """One map: several goals from one start, then obstacles that move on the way to the first of
     them.
     """
-    size = context.one_size(size)
+    (size,) = context.fitting([size])
     for _, case, (start, goal) in context.maps([size], _MAPS):
         ends = _goals(case, start, goal)[:goals]
         moving = _moving(case.cost, start, goal)
@@ -49,11 +48,10 @@ def fig14(context: Context, *, size: int = 256, goals: int = 5) -> Result:
     shown = [("goals", f"goal {n}", case.cost, end) for n, end in enumerate(ends, 1)]
     shown += [("obstacles", drawing.frame(at), cost, goal) for at, cost in enumerate(moving)]
     rows = Rows()
-    lines = defaultdict[str, list[RegionPicture]](list)
+    firsts: dict[str, OneMap] = {}
     for part, name, cost, end in shown:
         here = OneMap(cost, (start, end), context.networks)
-        line = lines[part]
-        first = line[0].map if line else here
+        first = firsts.setdefault(part, here)
         found = here.searched({kind: kind for kind in here.regions})
         for row in found:
             blocks = here.regions[row["planner"]].blocks()
@@ -61,13 +59,8 @@ def fig14(context: Context, *, size: int = 256, goals: int = 5) -> Result:
             common = (blocks & of_first).sum() / (blocks | of_first).sum()
             rows.append({"part": part, "scene": name, **row, "common": float(common)})
         excess = percent(found.of(NETWORK).mean("excess"), 2)
-        line.append(RegionPicture(f"{name}: {excess} above the optimum", here))
-    return Result(
-        rows,
-        ("part", "planner"),
-        fig14_findings(rows),
-        drawing.maps(list(lines.values())),
-    )
+        context.scenes.append(drawing.scene(f"{name}: {excess} above the optimum", here))
+    return rows
 
 
 def _goals(case: Case, start: Cell, goal: Cell) -> list[Cell]:
@@ -110,23 +103,44 @@ def fig14_findings(rows: Rows) -> Iterator[Finding]:
     for part, what in (("goals", "goal"), ("obstacles", "frame")):
         own = rows.of(NETWORK, part=part)
         excess = percent(max(own.all("excess"), default=math.nan), 2)
-        found = f"{sum(own.all('found')):.0f} of {len(own)} in the region"
         yield judge(
             f"a good path in the region for every {what}",
             "yes (pictures)",
-            f"{found}, at most {excess} above the optimum",
             "all in the region, within 3 % of the optimum",
-            lambda rows: all(row.get("excess", 1.0) <= 0.03 for row in rows.of(NETWORK)),
+            Figure(_greatest_excess, percent),
             rows.of(part=part),
             NETWORK,
+            most=0.03,
+            ours=f"{sum(own.all('found')):.0f} of {len(own)} in the region, "
+            f"at most {excess} above the optimum",
         )
     last = rows.of(part="obstacles", scene=rows[-1]["scene"])
     yield judge(
         "the regions at T and T + 4Δt are the same, as the obstacles there are not in the way",
         "identical",
-        f"{percent(last.of(NETWORK).mean('common'))} in common",
         "nine blocks in ten in common",
-        lambda rows: rows.of(NETWORK).mean("common") >= 0.9,
+        mean("common", NETWORK),
         last,
         NETWORK,
+        least=0.9,
     )
+
+
+def _greatest_excess(rows: Rows) -> float:
+    """Inf where a path is missing."""
+    return max(float(row.get("excess", math.inf)) for row in rows.of(NETWORK))
+
+
+EXPERIMENTS = {
+    "fig14": Experiment(
+        "Fig. 14 and 15",
+        "Other goals, and obstacles that move",
+        fig14,
+        ("part", "planner"),
+        fig14_findings,
+        None,
+        {"size": 256, "goals": 5},
+        {"size": 128, "goals": 3},
+        networks=BOTH[:1],
+    ),
+}

@@ -8,7 +8,7 @@ does not give is left empty.
 
 import csv
 
-from nnpp_edge.reproduction.rows import Row, Rows
+from nnpp_edge.profiling.rows import Row, Rows
 
 ASTAR = "paper's A*"
 ASTAR_NN = "paper's A*NN"

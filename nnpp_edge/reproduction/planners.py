@@ -10,6 +10,7 @@ import numpy as np
 from nnpp_edge.outcome import outcome
 from nnpp_edge.profiling.contest import Harness
 from nnpp_edge.profiling.plain_astar import build_graph, search
+from nnpp_edge.profiling.rows import Row, Rows
 from nnpp_edge.reproduction.regions import (
     CONTROLS,
     CORRIDOR,
@@ -18,7 +19,6 @@ from nnpp_edge.reproduction.regions import (
     PaperRegions,
     best_path,
 )
-from nnpp_edge.reproduction.rows import Row, Rows
 from nnpp_edge.runtime.arrays import Float2D, Int32
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.planners.plan import Plan, Source

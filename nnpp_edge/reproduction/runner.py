@@ -15,15 +15,14 @@ import msgspec
 from nnpp_edge import __version__
 from nnpp_edge.files import make_folder, write_all, write_whole
 from nnpp_edge.profiling.machine import environment
+from nnpp_edge.profiling.rows import Rows
 from nnpp_edge.profiling.suites import TerrainFiles
 from nnpp_edge.progress import MISSING, THOUSANDTHS, bar, markdown_table
-from nnpp_edge.reproduction.dynamic import table3, table4
-from nnpp_edge.reproduction.exact import fig7, table1
+from nnpp_edge.reproduction import dynamic, exact, looks, static
+from nnpp_edge.reproduction.drawing import maps
 from nnpp_edge.reproduction.experiment import BOTH, Context, Experiment
 from nnpp_edge.reproduction.findings import Finding, Verdict
-from nnpp_edge.reproduction.looks import fig14
 from nnpp_edge.reproduction.regions import NetworkPair
-from nnpp_edge.reproduction.static import fig9, fig11, fig12, table2
 from nnpp_edge.reproduction.table import summary
 from nnpp_edge.runtime.exercises import exercise
 from nnpp_edge.runtime.network.inference import NetworkModel
@@ -31,65 +30,9 @@ from nnpp_edge.runtime.network.model_file import read_model_file
 from nnpp_edge.viz.figures import encoded
 
 FORMAT = "nnpp-edge-reproduction-3"
-EXPERIMENTS = {
-    "table1": Experiment(
-        "Table 1",
-        "Building the graph against searching it",
-        table1,
-        quick={"sizes": (64, 128, 256), "maps": 1},
-        networks=(),
-    ),
-    "fig7": Experiment(
-        "Fig. 7",
-        "The weight ω of the traversability cost",
-        fig7,
-        quick={"maps": 8, "fine": 25},
-        networks=(),
-    ),
-    "table2": Experiment(
-        "Table 2",
-        "A* against A* in the network's region",
-        table2,
-        quick={"maps": 8, "queries": 4, "repeats": 2},
-    ),
-    "fig9": Experiment(
-        "Fig. 9",
-        "Time and ModelMetric against the map's size",
-        fig9,
-        quick={"sizes": (64, 128, 256), "queries": 4, "repeats": 2},
-    ),
-    "fig11": Experiment(
-        "Fig. 11",
-        "Time against the length of the path",
-        fig11,
-        quick={"queries": 10, "repeats": 2},
-    ),
-    "fig12": Experiment(
-        "Fig. 12 and Table 4, static",
-        "Regions and paths on five maps",
-        fig12,
-        quick={"repeats": 2},
-    ),
-    "fig14": Experiment(
-        "Fig. 14 and 15",
-        "Other goals, and obstacles that move",
-        fig14,
-        quick={"size": 128, "goals": 3},
-        networks=BOTH[:1],
-    ),
-    "table3": Experiment(
-        "Table 3 and Fig. 16",
-        "Planning anew as the map changes, plan by plan",
-        table3,
-        quick={"size": 128, "repeats": 1, "episodes": 3},
-    ),
-    "table4": Experiment(
-        "Table 4",
-        "Five maps, standing still and changing",
-        table4,
-        quick={"size": 128, "repeats": 1, "maps": 2},
-    ),
-}
+EXPERIMENTS: dict[str, Experiment] = {}
+for room in (exact, static, looks, dynamic):
+    EXPERIMENTS |= room.EXPERIMENTS
 """The experiments of the paper by name, in the order in which they run."""
 _HEADS = {
     Verdict.DIFFERS: "What does not agree",
@@ -108,6 +51,7 @@ has as many blocks as the network's region, so that MM is the same: those neares
 a search over the map averaged to blocks finds (of ours `corridor` and `corridor-dstar`). The \
 *straight band* has as many nearest to the line from start to goal. *Shuffled weights* are the \
 network's, each layer's in a random order."""
+_OF_TOTALS = "Times and CC are summed over the plans for which every method found a path."
 _SECTION = """<a id="{name}"></a>
 
 ## {where}: {title}
@@ -171,7 +115,7 @@ def reproduce(
     make_folder(output)
     for name in names:
         experiment = EXPERIMENTS[name]
-        settings = experiment.settings(quick=quick, queries=queries)
+        settings = experiment.asked(quick=quick, queries=queries)
         used = _networks_used(models, experiment.networks)
         made_with = {
             "made by": f"nnpp-edge {__version__}, seed {seed}" + ", `--quick`" * quick,
@@ -188,8 +132,11 @@ def reproduce(
         exercise()  # no kernel is compiled or loaded while the clock runs
         with bar(name, THOUSANDTHS, quiet=True) as advance:
             context = Context(dems, seed, networks, advance)
-            result = experiment.run(context, **settings)
-        table = summary(result.table or result.rows, result.by, networks, totals=result.totals)
+            rows = Rows(experiment.measure(context, **settings))
+        everything = experiment.beside(rows)
+        totals = experiment.totals
+        if totals:
+            context.notes.append(_OF_TOTALS)
         facts = Stored(
             FORMAT,
             name,
@@ -198,16 +145,18 @@ def reproduce(
             quick,
             machine,
             made_with,
-            list(result.findings),
+            list(experiment.findings(rows)),
             context.notes,
-            table,
+            summary(everything, experiment.by, networks, totals=totals),
         )
+        draw = experiment.picture
+        picture = draw(everything) if draw else maps(context.scenes)
         place = output / name / name
         make_folder(place.parent)
         write_all(
             {
-                place.with_suffix(".csv"): result.rows.csv().encode(),
-                place.with_suffix(".png"): encoded(result.picture, dpi=130),
+                place.with_suffix(".csv"): rows.csv().encode(),
+                place.with_suffix(".png"): encoded(picture, dpi=130),
                 place.with_suffix(".json"): msgspec.json.format(
                     msgspec.json.encode(facts), indent=1
                 ),
@@ -268,7 +217,7 @@ def _write_page(output: Path) -> None:
     columns = ("", "claim", "paper", "ours", "rule", "controls")
     for verdict, head in _HEADS.items():
         lines = [
-            (each.link, *finding_cells(finding))
+            (each.link, *finding.cells)
             for each in stored
             for finding in each.findings
             if finding.verdict is verdict
@@ -286,9 +235,3 @@ def _write_page(output: Path) -> None:
         )
         parts.append(section)
     write_whole(output / "README.md", "\n\n".join([*parts, ""]).encode())
-
-
-def finding_cells(finding: Finding) -> tuple[str, ...]:
-    """A finding's line in a table."""
-    controls = ", ".join(finding.controls) or MISSING
-    return finding.claim, finding.paper, finding.ours, finding.rule, controls

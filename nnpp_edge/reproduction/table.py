@@ -1,13 +1,16 @@
 """The table of an experiment's rows, for people."""
 
+import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
+import numpy as np
+
+from nnpp_edge.profiling.rows import Rows
 from nnpp_edge.progress import MISSING, markdown_table, shown
 from nnpp_edge.reproduction import paper
 from nnpp_edge.reproduction.planners import CONTROLS_OF, PLAIN, PLAIN_NN
 from nnpp_edge.reproduction.regions import NETWORK, SHUFFLED, NetworkPair
-from nnpp_edge.reproduction.rows import Row, Rows, percent, seconds, spread, times
 
 
 class TableLine(NamedTuple):
@@ -22,17 +25,15 @@ class TableLine(NamedTuple):
     network: str
 
 
-def summary(
-    rows: Sequence[Row], by: Sequence[str], networks: NetworkPair, *, totals: bool = False
-) -> str:
+def summary(rows: Rows, by: Sequence[str], networks: NetworkPair, *, totals: bool = False) -> str:
     r"""A table for people: a line for each group by these names, a column for each figure that the
     rows have.
 
     Means, or for `totals` sums over the queries that all planners answered, beside how many each
     failed. *over A\** is over the A* of the same origin: the paper's, plain, or ours.
     """
-    everything = Rows(rows)
-    if not isinstance(rows[0][by[0]], str):
+    everything = rows.having(*by)
+    if not isinstance(everything[0][by[0]], str):
         everything.sort(key=lambda row: float(row[by[0]]))
     counted = everything.answered() if totals else everything
     measured = {name for row in counted for name in row}
@@ -40,18 +41,18 @@ def summary(
         measured -= {"planner", "time_s"}
     columns = {}
     for head, (name, form) in MEANS.items():
-        if totals and head in SUMS:
-            head, form = SUMS[head]
+        if totals:
+            head, form = SUMS.get(head, (head, form))
         if name in measured:
             columns[head] = (name, form)
     lines = []
     for key, group in counted.groups(by).items():
         place = dict(zip(by, key, strict=True))
         every = everything.of(**place)
-        planner = place.pop("planner", "")
-        astar = counted.of(_astar_beside(planner), **place)
+        planner = place.get("planner", "")
+        astar = counted.of(**place | {"planner": _astar_beside(planner)})
         line = TableLine(group, every, astar, network_of(planner, networks))
-        names = [written(name, value) for name, value in zip(by, key, strict=True)]
+        names = [written(name, value) for name, value in place.items()]
         lines.append([*names, *(_text(line, *column) for column in columns.values())])
     return markdown_table([*by, *columns], lines)
 
@@ -84,16 +85,11 @@ def _astar_beside(planner: str) -> str:
     return PLAIN if planner.startswith("plain") else "astar"
 
 
-def _text(line: TableLine, name: str, form: str | Callable[[TableLine], str]) -> str:
-    """A figure of a line: its mean as a time or in this form, or what a function makes of it."""
+def _text(line: TableLine, name: str, form: "Form") -> str:
     if callable(form):
         return form(line)
     mean = line.rows.mean(name)
     return seconds(mean) if form == "s" else shown(mean, form)
-
-
-def _over_astar(line: TableLine) -> str:
-    return times(line.astar.mean("time_s") / line.rows.mean("time_s"))
 
 
 def _failed(line: TableLine) -> str:
@@ -103,15 +99,15 @@ def _failed(line: TableLine) -> str:
     return f"{failed} of {len(line.every)}"
 
 
-def _mended(line: TableLine) -> str:
-    later = Rows(row for row in line.every if row.get("plan")).all("mended")
-    return f"{sum(later):.0f} of {len(later)}" if later else MISSING
-
-
-MEANS: dict[str, tuple[str, str | Callable[[TableLine], str]]] = {
+Form = str | Callable[[TableLine], str]
+"""How a figure is written: its mean as `shown` does, or as a time (``s``), or by a function."""
+MEANS: dict[str, tuple[str, Form]] = {
     "network": ("planner", lambda line: line.network),
     "AT": ("time_s", "s"),
-    "over A*": ("time_s", _over_astar),
+    "over A*": (
+        "time_s",
+        lambda line: times(line.astar.mean("time_s") / line.rows.mean("time_s")),
+    ),
     "inference": ("inference_s", "s"),
     "graph": ("graph_s", "s"),
     "search": ("search_s", "s"),
@@ -125,12 +121,38 @@ MEANS: dict[str, tuple[str, str | Callable[[TableLine], str]]] = {
     "region, of the map": ("share", "z.1%"),
     "in common with the first": ("common", "z.1%"),
     "best ω": ("best_omega", lambda line: spread(line.rows.all("best_omega"), 4)),
-    "mended, plans after the first": ("mended", _mended),
 }
-"""Columns by their heads: the figure that each needs, and how its mean or the line is written."""
-SUMS = {
+"""Columns by their heads: the figure that each needs, and how it is written."""
+SUMS: dict[str, tuple[str, Form]] = {
     "AT": ("time in all", lambda line: seconds(line.rows.total("time_s"))),
     "CC": ("CC", lambda line: shown(line.rows.total("cc"), ".2f")),
     "success": ("failed", _failed),
 }
-"""Columns that differ where sums are shown: by the head of the mean, their own head and text."""
+"""Columns that differ where sums are shown: by the head of the mean their own head and form."""
+
+
+def seconds(value: float) -> str:
+    """A time with its unit, three digits."""
+    if not math.isfinite(value):
+        return MISSING
+    return f"{value:.3g} s" if value >= 1.0 else f"{1e3 * value:.3g} ms"
+
+
+def times(ratio: float) -> str:
+    """How many times as fast."""
+    if not math.isfinite(ratio):
+        return MISSING
+    return f"{ratio:.0f}×" if ratio >= 100.0 else f"{ratio:.3g}×"
+
+
+def percent(share: float, digits: int = 1) -> str:
+    """A share in per cent, never as -0."""
+    return shown(share, f"z.{digits}%")
+
+
+def spread(values: list[float], digits: int) -> str:
+    """Mean and standard deviation, of one value itself; a dash where there are no values."""
+    if not values:
+        return MISSING
+    mean = f"{np.mean(values):.{digits}f}"
+    return mean if len(values) == 1 else f"{mean} ± {np.std(values):.{digits}f}"

@@ -8,19 +8,22 @@ from base64 import b64encode
 from collections.abc import Callable, Iterator, Sequence
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from nnpp_edge.files import write_whole
-from nnpp_edge.profiling.contest import Facts
+from nnpp_edge.profiling.compare import machine_words
 from nnpp_edge.profiling.figures import stages_of
 from nnpp_edge.profiling.inference import int8_in_words
 from nnpp_edge.profiling.judge import IN_WORDS, measured, place, wanted
+from nnpp_edge.profiling.rows import Facts
 from nnpp_edge.progress import shown, with_unit
+from nnpp_edge.runtime.arrays import Floats
 from nnpp_edge.runtime.errors import optional_module
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.figure import Figure
 
 _PANELS = (
@@ -41,29 +44,83 @@ _WIDE = 5.2
 """Inches: narrow enough for words to be read where a telephone shrinks the picture."""
 
 
+class Curve(NamedTuple):
+    """Numbers, or names, along both axes of a panel."""
+
+    x: Sequence[object] | Floats
+    y: Sequence[object] | Floats
+    style: str = "o-"
+    label: str = ""
+    colour: str | None = None
+    width: float = 1.5
+
+
+class Panel(NamedTuple):
+    """A panel of a chart."""
+
+    title: str
+    curves: Sequence[Curve]
+    x: str = ""
+    y: str = ""
+    log: str = ""
+    """The axes that are logarithmic."""
+    image: Floats | None = None
+    """(H, W, 3) of a map, in whose cells the curves are."""
+
+
+def chart(lines: Sequence[Sequence[Panel]], wide: float = 5.8) -> "Figure":
+    """Lines of panels, so many inches wide, with a legend below."""
+    columns = max(map(len, lines))
+    figure = new_figure(wide * columns, 1.5 + 0.85 * wide * len(lines))
+    legend: dict[str, Artist] = {}
+    for line, places in zip(
+        lines, figure.subplots(len(lines), columns, squeeze=False), strict=True
+    ):
+        for axes in places[len(line) :]:
+            axes.set_visible(False)
+        for axes, panel in zip(places, line, strict=False):
+            axes.set_title(panel.title, fontsize="medium" if panel.image is None else "small")
+            axes.set(xlabel=panel.x, ylabel=panel.y, axisbelow=True)
+            if panel.image is None:
+                axes.grid(alpha=0.25)
+            else:
+                axes.imshow(panel.image, interpolation="nearest")
+                axes.set(xticks=[], yticks=[])
+            for axis in panel.log:
+                axes.set(**{f"{axis}scale": "log"})
+            for x, y, style, label, colour, width in panel.curves:
+                (drawn,) = axes.plot(x, y, style, color=colour, linewidth=width, markersize=4)
+                drawn.set_solid_capstyle("butt")
+                if label:
+                    legend.setdefault(label, drawn)
+    if legend:
+        figure.legend(
+            [*legend.values()], [*legend], loc="outside lower center", ncols=4, frameon=False
+        )
+    return figure
+
+
 def training_curves(history: Sequence[dict[str, float]], path: Path) -> None:
     """Loss, and what the validations found, against training steps; a dotted line at the best."""
-    panels = _FITS if "rmse_mean" in history[0] else _PANELS
     steps = [row["step"] for row in history]
     factors = {key.partition("@")[2] for key in history[0] if "@" in key}
-    best = min(history, key=lambda row: row["score"])
-    figure = new_figure(11.0, 6.5)
-    for axes, (name, title, scale) in zip(figure.subplots(2, 2).flat, panels, strict=True):
-        curves: dict[str, str | None] = {name: None}
+    best = min(history, key=lambda row: row["score"])["step"]
+    panels = []
+    for name, title, scale in _FITS if "rmse_mean" in history[0] else _PANELS:
+        keys = {name: ""}
         if name not in history[-1]:  # one for each factor
             largest_first = sorted(factors, key=float, reverse=True)
-            curves = {f"{name}@{factor}": f"td × {factor}" for factor in largest_first}
-        for key, label in curves.items():
+            keys = {f"{name}@{factor}": f"td × {factor}" for factor in largest_first}
+        curves = []
+        for at, (key, label) in enumerate(keys.items()):
             values = [scale * row.get(key, math.nan) for row in history]
-            axes.plot(steps, values, marker="o", markersize=3, label=label)
-        if axes.get_legend_handles_labels()[1]:
-            axes.legend(fontsize="small")
-        drawn = np.array([line.get_ydata() for line in axes.lines])
+            curves.append(Curve(steps, values, "o-", label, f"C{at}"))
+        drawn = np.array([curve.y for curve in curves])
+        ends = [np.nanmin(drawn), np.nanmax(drawn)]
+        curves.append(Curve([best, best], ends, ":", "", "0.6"))
         logarithmic = name in ("loss", "gap") and (np.nan_to_num(drawn) > 0.0).any()
-        axes.axvline(best["step"], color="0.6", linestyle=":")
-        axes.set(title=title, xlabel="step", yscale="log" if logarithmic else "linear")
-        axes.grid(alpha=0.3)
-    write_whole(path, encoded(figure))
+        panels.append(Panel(title, curves, "step", log="y" if logarithmic else ""))
+    write_whole(path, encoded(chart([panels[:2], panels[2:]])))
 
 
 def new_figure(width: float, height: float) -> "Figure":
@@ -100,7 +157,7 @@ def page(report: Facts) -> str:
         "int8_in_words": int8_in_words,
     }
     template.filters |= filters
-    template.globals["words"] = IN_WORDS
+    template.globals |= {"words": IN_WORDS, "machine": machine_words(report)}
     text = (files("nnpp_edge.viz") / _TEMPLATE).read_text(encoding="utf-8")
     page: str = template.from_string(text).render(report=report, plots=list(_plots(report)))
     return page
@@ -113,60 +170,37 @@ def _plots(report: Facts) -> Iterator[tuple[str, str, str]]:
     first = report["results"][0]["workload"]
     rows = [row for row in report["results"] if row["workload"] == first]
     by_size = f"On {first}: medians as lines, thin up to the slowest hundredth."
-    drawn = [("Time by stage", f"Mean of a plan on {first}, whole job.", _stages)]
-    if len({row["size"] for row in rows}) > 1:
-        drawn.append(("Time against map size", by_size, _by_size))
-    for title, words, draw in drawn:
-        figure = new_figure(_WIDE, 3.7)
-        draw(figure, rows)
-        handles, names = figure.axes[-1].get_legend_handles_labels()
-        figure.legend(
-            handles,
-            names,
-            loc="outside upper center",
-            ncols=min(len(names), 5),
-            columnspacing=1.0,
-            handlelength=1.4,
-            fontsize=8.5,
-            frameon=False,
-        )
-        yield title, words, b64encode(encoded(figure, dpi=200)).decode()
-
-
-def _stages(figure: "Figure", rows: Sequence[Facts]) -> None:
-    """Bars of the stages of each planner's mean time, a panel a size."""
     sizes = sorted({row["size"] for row in rows})
-    figure.set_size_inches(_WIDE, 1.9 * len(sizes) + 0.6)
-    for size, axes in zip(sizes, figure.subplots(len(sizes), squeeze=False).flat, strict=True):
-        of_size = [row for row in rows if row["size"] == size]
-        planners = [row["planner"] for row in of_size]
-        left = np.zeros(len(of_size))
-        for stage in stages_of(rows):
-            spreads = [row["stages_ms"].get(stage) for row in of_size]
-            widths = np.array([spread["mean"] if spread else 0.0 for spread in spreads])
-            axes.barh(planners, widths, left=left, label=stage)
-            left += widths
-        axes.set_title(f"{size}²", fontsize=10)
-        axes.invert_yaxis()
-        axes.grid(axis="x", alpha=0.3)
-    axes.set_xlabel("ms")
+    stages = [[_stages(rows, size)] for size in sizes]
+    drawn = [("Time by stage", f"Mean of a plan on {first}, whole job.", stages)]
+    if len(sizes) > 1:
+        drawn.append(("Time against map size", by_size, [[_by_size(rows)]]))
+    for title, words, panels in drawn:
+        yield title, words, b64encode(encoded(chart(panels, _WIDE), dpi=200)).decode()
 
 
-def _by_size(figure: "Figure", rows: Sequence[Facts]) -> None:
+def _stages(rows: Sequence[Facts], size: int) -> Panel:
+    """The stages of each planner's mean time, one after another."""
+    curves = []
+    for row in reversed(rows):
+        left = 0.0
+        for at, stage in enumerate(stages_of(rows)):
+            spread = row["stages_ms"].get(stage)
+            if row["size"] == size and spread:
+                ends = [left, left + spread["mean"]]
+                curves.append(Curve(ends, [row["planner"]] * 2, "-", stage, f"C{at}", 10.0))
+                left = ends[1]
+    return Panel(f"{size}²", curves, "ms")
+
+
+def _by_size(rows: Sequence[Facts]) -> Panel:
     """Each planner's median time against the side of the map, and up to its slowest hundredth."""
-    axes = figure.add_subplot()
-    medians: dict[str, dict[int, float]] = {}
-    for row in rows:
-        times = row["time_ms"]
-        of_planner = medians.setdefault(row["planner"], {})
-        of_planner[row["size"]] = times["median"]
-        colour = f"C{[*medians].index(row['planner'])}"
-        axes.vlines(row["size"], times["median"], times["p99"], color=colour, linewidth=0.8)
-    for name, by_size in medians.items():
-        axes.plot([*by_size], [*by_size.values()], "o-", linewidth=2.0, markersize=4, label=name)
-    axes.set(xscale="log", yscale="log")
-    axes.set(xlabel="side of the map, cells", ylabel="median time of a query, ms")
-    sides = sorted({row["size"] for row in rows})
-    axes.set_xticks(sides, [str(side) for side in sides])
-    axes.set_xticks([], minor=True)
-    axes.grid(alpha=0.3)
+    curves = []
+    for at, name in enumerate(dict.fromkeys(row["planner"] for row in rows)):
+        own = [row for row in rows if row["planner"] == name]
+        medians = [row["time_ms"]["median"] for row in own]
+        curves.append(Curve([row["size"] for row in own], medians, "o-", name, f"C{at}", 2.0))
+        for row in own:
+            times = [row["time_ms"]["median"], row["time_ms"]["p99"]]
+            curves.append(Curve([row["size"]] * 2, times, "-", "", f"C{at}", 0.8))
+    return Panel("", curves, "side of the map, cells", "median time of a query, ms", "xy")

@@ -19,7 +19,7 @@ REPORT = json.loads("""{
   "profile": {"name": "edge-2core", "planner": "auto"},
   "environment": {
     "cpu": "A | board\\n model", "architecture": "aarch64", "flags": ["asimd", "asimddp"],
-    "cores_online": 4, "clock_mhz": 2400.0, "memory_mb": 8192, "kernel": "6.6", "system": null,
+    "cores_online": 4, "governor": null, "load_average": [0.5], "clock_mhz": 2400.0, "memory_mb": 8192, "kernel": "6.6", "system": null,
     "python": "3.12.1",
     "packages": {"nnpp-edge": "0.1.0", "numpy": "2.0", "numba": "0.60", "onnxruntime": null}
   },
@@ -39,6 +39,7 @@ REPORT = json.loads("""{
     {"waited_share": 0.01, "others_share": null},
     {"waited_share": 0, "others_share": 0.034}
   ]},
+  "besides": {},
   "sensors": {
     "throttled": "", "clock_mhz": {"0": {"min": 1500.0, "max": 2400.0}}, "temperature_c": {}
   }

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nnpp_edge.profiling.evaluate import evaluate
+from nnpp_edge.profiling.evaluate import evaluate, evaluated
 from nnpp_edge.profiling.rivals import controls, exact_and
 from nnpp_edge.profiling.suites import TerrainFiles, terrain_cases
 from nnpp_edge.runtime import Ground, NetworkModel, Planner, Status
@@ -49,12 +49,9 @@ def test_a_row_for_each_workload_size_and_planner(nnpp_edge, terrain, tiny_model
         assert -1e-5 <= row["gap_mean"] <= row["gap_p99"] + 1e-9 <= row["gap_max"] + 1e-9
         found = row["success_raw"] + row["widened_share"] + row["whole_map_share"]
         assert found == pytest.approx(1.0)
-        assert row["time_ms_median"] <= row["time_ms_p99"]
-        if row["method"] == "astar":
-            assert (row["gap_max"], row["speedup_total"], row["mm_mean"]) == (0.0, 1.0, None)
-        else:
-            assert 0.0 < row["region_share_mean"] <= 1.0
-            assert 0.0 < row["mm_mean"] < 1.0
+        exact = row["method"] == "astar"
+        assert (row["gap_max"] == 0.0 and row["mm_mean"] is None) or not exact
+        assert exact or 0.0 < row["mm_mean"] < 1.0 >= row["region_share_mean"] > 0.0
 
 
 def test_a_fresh_map_is_timed_from_its_elevations_on(nnpp_edge, terrain, tiny_model):
@@ -63,18 +60,13 @@ def test_a_fresh_map_is_timed_from_its_elevations_on(nnpp_edge, terrain, tiny_mo
     assert ended.code == 0, ended.err
     rows = {row["method"]: row for row in ended.json}
     assert list(rows) == [each for name in METHODS for each in (name, f"{name}-eager")]
-    for row in rows.values():
-        assert (
-            set(row) >= {*KEYS.split()}
-            and np.isfinite([row[key] for key in FRESH_KEYS.split()]).all()
-        )
-        assert 0.0 < row["fresh_ms_median"] <= row["fresh_ms_p99"]
-        assert 0.0 < row["costs_computed_mean"] <= 1.0
-        assert -1e-5 <= row["fresh_gap_mean"] <= row["fresh_gap_p99"] + 1e-9
     for name in METHODS:
         lazy = rows[name]
         eager = rows[f"{name}-eager"]
-        assert eager["costs_computed_mean"] == 1.0
+        for row in (lazy, eager):
+            assert np.isfinite([row[key] for key in FRESH_KEYS.split()]).all()
+            assert 0.0 < row["fresh_ms_median"] <= row["fresh_ms_p99"]
+        assert eager["costs_computed_mean"] == 1.0 >= lazy["costs_computed_mean"] > 0.0
         assert lazy["fresh_gap_mean"] == pytest.approx(eager["fresh_gap_mean"], abs=1e-6)
         assert all(lazy[key] == eager[key] for key in KEYS.split() if key != "method")
         if not name.startswith("nnpp"):  # whose lazy planner shows the network a sample of the map
@@ -123,8 +115,8 @@ def test_two_models_stand_beside_each_other(terrain, tiny_model):
     rivals = exact_and(["nnpp", "astar"], {"one": model, "two": model})
     assert [rival.name for rival in rivals] == ["astar", "nnpp", "nnpp:two"]
     cases = terrain_cases(TerrainFiles((terrain,)).read(), "soft", 64)
-    rows = evaluate(cases, rivals, 4, repeats=1)
-    assert rows["nnpp"]["gap_mean"] == rows["nnpp:two"]["gap_mean"]
+    _, one, two = evaluated(evaluate(cases, rivals, 4, repeats=1))
+    assert one["gap_mean"] == two["gap_mean"]
 
 
 def test_limits_and_weight_of_ones_own_are_taken(nnpp_edge, terrain):

@@ -7,7 +7,7 @@ from itertools import product, repeat
 import numpy as np
 import pytest
 
-from nnpp_edge.profiling.evaluate import evaluate
+from nnpp_edge.profiling.evaluate import evaluate, evaluated
 from nnpp_edge.profiling.rivals import exact_and
 from nnpp_edge.profiling.suites import TerrainFiles, terrain_cases, whole_cost
 from nnpp_edge.runtime import Planner, Vehicle, pose_costs
@@ -65,7 +65,7 @@ def test_each_workload_has_rows_of_the_corridor_and_exact_search(judged):
         in_cell = row["checks_mean"] / (SIZE**2 * row["checks_share_mean"])
         assert in_cell > 16 and in_cell == pytest.approx(round(in_cell)), "of legs and turns"
         assert 0.0 < row["time_ms_median"] <= row["time_ms_p99"]
-        assert row["time_ms_median"] < row["fresh_ms_median"] <= row["fresh_ms_p99"]
+        assert 0.0 < row["fresh_ms_median"] <= row["fresh_ms_p99"]
         assert np.isfinite([row[key] for key in FRESH.split()]).all()
         assert row["gap_mean"] == pytest.approx(row["fresh_gap_mean"], abs=1e-6)
         assert row["gap_mean"] >= -1e-5
@@ -93,8 +93,8 @@ def test_a_planner_that_checks_all_poses_first_is_the_control_on_a_fresh_map(jud
 def test_counts_are_those_of_planners_that_have_checked_nothing(rocky):
     """Each query by a planner of its own; the cost is that of an exact search of all poses."""
     rivals = exact_and(["corridor"], {})
-    rows = evaluate([rocky], rivals, 10, repeats=1)
-    assert list(rows) == ["astar", "corridor"]
+    exact, row = evaluated(evaluate([rocky], rivals, 10, repeats=1))
+    assert (exact["method"], row["method"]) == ("astar", "corridor")
     every = Planner(rocky.ground, lazy=False)
     checks = []
     gaps = []
@@ -104,8 +104,7 @@ def test_counts_are_those_of_planners_that_have_checked_nothing(rocky):
             plan = Planner(rocky.ground).plan(*query, method="corridor")
             checks.append(plan.checks)
             gaps.append(plan.cost / optimum.cost - 1.0)
-    assert (rows["astar"]["n"], rows["astar"]["unsolvable"]) == (len(gaps), 10 - len(gaps))
-    row = rows["corridor"]
+    assert (exact["n"], exact["unsolvable"]) == (len(gaps), 10 - len(gaps))
     assert row["checks_mean"] == pytest.approx(np.mean(checks))
     assert row["gap_mean"] == pytest.approx(np.mean(gaps), abs=1e-6)
 
@@ -130,8 +129,7 @@ def test_the_vehicle_stands_on_starts_and_goals_and_rocks_lie_on_the_crops(terra
 def test_synthetic_ground_has_four_cells_to_a_body():
     case = next(terrain_cases((), "body", 64, vehicle=ROVER))
     assert case.ground.cell_size_m == pytest.approx(0.25)
-    planner = Planner(case.ground)
-    assert any(planner.plan(*query).ok for query in case.queries)
+    assert any(map(case.connections(), case.queries))
 
 
 def test_maps_without_any_path_are_not_asked_forever(rocky):

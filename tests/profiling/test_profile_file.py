@@ -123,8 +123,8 @@ def test_the_loop_is_run_where_a_budget_asks_for_its_reactions(write_toml):
 
 
 def test_another_load_leaves_out_budgets_of_sizes_that_are_gone(write_toml):
-    profile, dropped = overridden(read_profile(write_toml(GOOD)), sizes=(64,), queries=None, seed=4)
-    assert dropped == ["gap"] and [budget.name for budget in profile.budgets] == ["fast"]
+    profile, notes = overridden(read_profile(write_toml(GOOD)), sizes=(64,), queries=None, seed=4)
+    assert notes[0].endswith(": gap") and [budget.name for budget in profile.budgets] == ["fast"]
     assert (profile.load.sizes, profile.load.seed, profile.load.queries) == ((64,), 4, 60)
     with pytest.raises(InvalidQueryError, match="sizes"):
         overridden(profile, sizes=(64, 64))

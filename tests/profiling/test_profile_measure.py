@@ -2,9 +2,7 @@
 
 import os
 import time
-from collections import defaultdict
-from itertools import chain, product
-from types import SimpleNamespace
+from itertools import product
 from typing import ClassVar
 
 import numpy as np
@@ -12,10 +10,10 @@ import pytest
 from msgspec.structs import replace
 
 from nnpp_edge.profiling import measure, rivals
-from nnpp_edge.profiling.contest import PLACE
-from nnpp_edge.profiling.figures import break_even, loop_rows, rows
-from nnpp_edge.profiling.measure import ProfileMaps, queries_in, rivals_of, run
+from nnpp_edge.profiling.figures import break_even, loop_rows, results
+from nnpp_edge.profiling.measure import queries_in, rivals_of, run
 from nnpp_edge.profiling.profile_file import Budget, Device, Load, Networks, Profile
+from nnpp_edge.profiling.rows import PLACE, Rows
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.settings import OnboardLoop
 from nnpp_edge.runtime.planners.planner import Planner
@@ -29,23 +27,27 @@ LOAD = Load(
     seed=3,
 )
 NAMES = ["astar", "corridor", "nnpp", "nnpp-fp32", "auto"]
+CORES = sorted(os.sched_getaffinity(0))
 
 
 class Timed(Planner):
     """The public planner, timed from outside by a clock of its own."""
 
-    calls: ClassVar[dict] = defaultdict(list)
-
-    def __init__(self, ground, model="edge", **options):
-        super().__init__(ground, model=model, **options)
-        self.asked = model
+    calls: ClassVar[dict] = {}
+    """Milliseconds by the plan's own times of its stages, which tell each call."""
 
     def plan(self, start, goal, **options):
         began = time.perf_counter()
         plan = super().plan(start, goal, **options)
-        query = self.shape, start, goal, options["method"], self.asked
-        self.calls[query].append(1e3 * (time.perf_counter() - began))
+        took_ms = 1e3 * (time.perf_counter() - began)
+        self.calls[stages(plan.timings_ms)] = took_ms
         return plan
+
+
+def stages(timings_ms):
+    return frozenset(
+        (stage, ms) for stage, ms in timings_ms.items() if stage not in ("total", "other")
+    )
 
 
 class OneWatt:
@@ -63,93 +65,62 @@ def asks(quantity, planner, **where):
 
 
 def profile(load, planner, model, *budgets):
-    return Profile(
-        "p",
-        "p",
-        planner,
-        load=load,
-        budgets=budgets,
-        loop=OnboardLoop(rate_hz=200.0, model=str(model)),
-    )
+    loop = OnboardLoop(rate_hz=200.0, model=str(model))
+    return Profile("p", "p", planner, load=load, budgets=budgets, loop=loop)
 
 
 @pytest.fixture(scope="module")
 def measured(tiny_model):
-    """A run, its rows, what the clock outside showed, the progress, and the planners."""
-    cores = sorted(os.sched_getaffinity(0))
+    """A run, its rows, what the clock outside showed by method, and the progress."""
     done = []
-    patch = pytest.MonkeyPatch()
-    patch.setattr(rivals, "Planner", Timed)
-    patch.setattr(measure, "EnergyMeter", OneWatt)
-    Timed.calls.clear()
-    planners = rivals_of(Networks(str(tiny_model), str(tiny_model)), Device((0,)))
-    budgets = (asks("map_ms", "astar"), asks("reaction_ms", "loop", workload="limit20", size=256))
-    asked = profile(replace(LOAD, patches=16), "nnpp", tiny_model, *budgets)
-    found = run(asked, planners, cores, progress=done.append)
-    patch.undo()
-    named = {planner.name: planner for planner in planners}
-    return found, rows(found), dict(Timed.calls), done, named
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(rivals, "Planner", Timed)
+        patch.setattr(measure, "EnergyMeter", OneWatt)
+        Timed.calls.clear()
+        planners = rivals_of(Networks(str(tiny_model), str(tiny_model)), Device((0,)))
+        budgets = (
+            asks("map_ms", "astar"),
+            asks("reaction_ms", "loop", workload="limit20", size=256),
+        )
+        asked = profile(replace(LOAD, patches=16), "nnpp", tiny_model, *budgets)
+        found = run(asked, planners, CORES, progress=done.append)
+    return found, results(found.answers), dict(Timed.calls), done
 
 
 def test_every_planner_has_a_row_for_each_workload_and_size(measured):
-    found, told, _, done, _ = measured
-    places = [(row["workload"], row["size"], row["planner"]) for row in told]
-    assert places == list(product(LOAD.workloads, LOAD.sizes, NAMES))
-    assert {(row["n"], *row["time_ms"]) for row in told} == {
-        (12, "median", "p90", "p99", "max", "mean")
-    }
+    found, told, _, done = measured
+    assert [PLACE(row) for row in told] == list(product(LOAD.workloads, LOAD.sizes, NAMES))
+    assert {row["n"] for row in told} == {12}
     assert done[-1] == queries_in(LOAD) == 2 * 2 * 2 * 12 and done == sorted(done)
     watts = [row["energy_mj"] / row["time_ms"]["mean"] for row in told]
     # calls may be held up after the clock stopped
     assert min(watts) > 1.0 and np.quantile(watts, 0.25) < 1.5
     assert [half.elapsed_s > 0.0 for half in found.disturbance] == [True, True]
-
-
-def test_each_row_has_the_stages_of_its_planner(measured):
-    for row in measured[1]:
-        assert list(row["stages_ms"])[-1] == "other"
-    stages = {PLACE(row): set(row["stages_ms"]) for row in measured[1]}
-    needed = {"encode", "inference", "threshold", "search", "path"}
-    assert needed <= stages["soft", 96, "nnpp"]
-    assert stages["soft", 96, "astar"] == {"search", "path", "other"}
-
-
-def clock_outside(measured, of, name):
-    """(queries, 2) milliseconds of the calls that each half of the run timed, by the
-    clock outside.
-    """
-    _, _, outside, _, planners = measured
-    rival = planners[name]
-    times = []
-    for query in chain(*of.queries_by_map):
-        calls = outside[(of.size, of.size), *query, rival.method, rival.model or "edge"]
-        times.append(calls if len(calls) == 2 else calls[1::2])  # a map's first is asked before
-    return np.array(times)
+    of = {PLACE(row): list(row["stages_ms"]) for row in told}
+    assert {"encode", "inference", "threshold", "path"} <= set(of["soft", 96, "nnpp"])
+    assert of["soft", 96, "astar"] == ["search", "path", "other"]
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_stages_and_figures_agree_with_a_clock_outside_within_5_percent(measured, name):
-    """Query by query, of stages the better of its two calls: a disturbance between two does not
-    decide.
-
-    The clock outside is nearer to the planner by a call, so it shows a little less than the
-    figures.
+    """The clock outside is nearer to the planner by a call, so it shows a little less than the
+    figures. Of the stages of a query the better half decides.
     """
-    for of in measured[0].workloads:
-        answers = of.answers[name]
-        outside = clock_outside(measured, of, name)
-        named = [sum(plan.values()) - plan["other"] for plan in answers.stages_ms]
-        shares = np.reshape(named, (2, -1)).T / outside
-        ratios = outside.mean(axis=1) / answers.column("time_ms")
+    found, _, outside, _ = measured
+    for rows in found.answers.of(name).groups(("workload", "size")).values():
+        times = np.array([outside[stages(row["stages_ms"])] for row in rows])
+        named = [row["time_ms"] - row["stages_ms"]["other"] for row in rows]
+        shares = np.reshape(named / times, (2, -1))
+        ratios = times / rows.all("time_ms")
         assert shares.max() <= 1.0 and ratios.max() <= 1.0
-        assert np.median(shares.max(axis=1)) > 0.95 < np.median(ratios), (of.workload, of.size)
+        assert np.median(shares.max(axis=0)) > 0.95 < np.median(ratios), rows[0]
 
 
 def test_both_halves_ask_the_same_and_costs_are_those_of_the_public_planner(measured):
     found, told, *_ = measured
-    for of in found.workloads:
-        assert all(len(half) == 12 for half in of.answers["astar"].figures)
-        assert sum(map(len, of.queries_by_map)) == 12
+    for rows in found.answers.groups(("workload", "size", "planner", "query")).values():
+        first, second = rows
+        assert (first["half"], second["half"]) == (0, 1) and first["cc"] == second["cc"]
     for row in told:
         times = [row["time_ms"][key] for key in ("median", "p90", "p99", "max")]
         assert row["gap_max"] >= row["gap_mean"] >= -1e-6
@@ -173,12 +144,10 @@ def test_maps_and_patches_that_have_just_arrived_are_measured_of_whom_it_was_ask
             if asked:
                 assert 0.0 < row[key]["median"] <= row[key]["p99"] <= row[key]["max"]
                 assert len(row["halves"][basis]) == 2
-    for of in measured[0].workloads:
-        assert of.answers["nnpp"].halves("map_ms").shape == (2, 12), "each judged query"
 
 
 def test_the_loop_answers_every_patch_with_a_checked_path(measured):
-    (row,) = loop_rows(measured[0], OnboardLoop(rate_hz=200.0))
+    (row,) = loop_rows(measured[0].reactions, OnboardLoop(rate_hz=200.0))
     place = (row["workload"], row["size"], row["method"], row["rate_hz"])
     assert place == ("limit20", 256, "auto", 200.0)
     assert (row["n"], row["patch_side"]) == (32, 64)
@@ -198,46 +167,33 @@ def test_terrain_without_enough_queries_is_refused(tmp_path, tiny_model):
         run(profile(load, "auto", tiny_model), planners, [0])
 
 
-def test_each_call_on_a_vehicles_map_is_that_of_a_planner_that_has_checked_nothing(
-    tiny_model,
-):
+def test_each_call_on_a_vehicles_map_is_that_of_a_planner_that_has_checked_nothing(tiny_model):
     kind = {"terrain": ("synthetic",), "workloads": ("soft", "body", "body-rocks5")}
     load = Load(**kind, vehicle="small-rover", sizes=(64,), queries=3, repeats=2, patches=6)
     asked = profile(load, "corridor", tiny_model, asks("reaction_ms", "loop", workload="body"))
-    planners = rivals_of(Networks(str(tiny_model)), Device((0,)))
-    found = run(asked, planners, sorted(os.sched_getaffinity(0)))
-    maps = ProfileMaps(load)
-    for of in found.workloads:
-        wanted = [
-            Planner(on_map.ground).plan(*query, method="astar")
-            for queries, on_map in zip(of.queries_by_map, maps.maps(of.workload, 64), strict=False)
-            for query in queries
-        ]
-        for plan, answer in zip(of.answers["astar"].plans, wanted, strict=True):
-            assert plan.cost == pytest.approx(answer.cost, rel=1e-5)
-            assert plan.checks == answer.checks  # in the last of all repeats, too
-            assert (plan.checks > 0) == (of.workload != "soft")
-        assert len(of.answers["corridor"].halves("map_ms")[0]) == 3
-    (reacting,) = (of for of in found.workloads if of.reactions)
-    assert reacting.workload == "body" and len(reacting.reactions[0].ms) == 6
-    gaps = {row["planner"]: row["gap_mean"] for row in rows(found) if row["workload"] == "body"}
-    assert gaps["astar"] == 0.0 and all(gap > -1e-6 for gap in gaps.values())
+    found = run(asked, rivals_of(Networks(str(tiny_model)), Device((0,))), CORES)
+    for (name, *_), rows in found.answers.of("astar").groups(("workload", "query")).items():
+        first, second = rows
+        assert first["checks"] == second["checks"]
+        assert (first["checks"] > 0) == (name != "soft")
+    assert len(found.reactions.of(workload="body", half=0)) == 6
+    for row in results(found.answers.of(workload="body")):
+        assert row["gap_mean"] == 0.0 if row["planner"] == "astar" else row["gap_mean"] > -1e-6
 
 
 def test_times_are_told_by_their_quantiles():
-    times = np.random.default_rng(0).permutation(np.arange(1.0, 202.0))
-    halves = [
-        SimpleNamespace(ms=half, planned=3, kept=2, without_path=1, late=1)
-        for half in np.array_split(times, 2)
-    ]
-    of = SimpleNamespace(workload="soft", size=64, reactions=halves)
-    (row,) = loop_rows(SimpleNamespace(workloads=[of]), OnboardLoop())
+    times = np.random.default_rng(0).permutation(np.arange(1.0, 202.0)).tolist()
+    counts = {"planned": 3 / 201, "kept": 0, "without_path": 0, "late": 2 / 201}
+    place = {"workload": "soft", "size": 64, "half": 0}
+    rows = Rows({**place, **counts, "reaction_ms": ms} for ms in times)
+    (row,) = loop_rows(rows, OnboardLoop())
     told = {"median": 101.0, "p90": 181.0, "p99": 199.0, "max": 201.0, "mean": 101.0}
-    assert row["reaction_ms"] == told
+    assert (row["reaction_ms"], row["planned"]) == (told, 3)
     assert row["late_per_hour"] == pytest.approx(2 / (201 / 17 / 3600))
-    of.reactions[0].ms = np.arange(1100.0)
-    (row,) = loop_rows(SimpleNamespace(workloads=[of]), OnboardLoop())
-    assert 1000.0 < row["reaction_ms"]["p999"] < 1100.0
+    (row,) = loop_rows(
+        Rows({**place, "reaction_ms": float(ms)} for ms in range(1100)), OnboardLoop()
+    )
+    assert row["reaction_ms"]["p999"] == pytest.approx(1097.9, abs=0.01)
 
 
 def test_from_which_size_on_a_planner_pays():

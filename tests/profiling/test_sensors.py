@@ -1,15 +1,15 @@
 """Sensors read from a folder made like /sys, and what is made of their readings."""
 
-from itertools import zip_longest
 from types import SimpleNamespace
 
 import pytest
 
 from nnpp_edge.profiling import sensors
-from nnpp_edge.profiling.sensors import Reading, Sensors, sensor_facts, throttling
+from nnpp_edge.profiling.rows import Rows
+from nnpp_edge.profiling.sensors import Sensors
 from tests.tables import cases
 
-LIMITS = Reading(0.0, {"0": 2000.0, "1": 2000.0}, {"cpu 0": 85.0})
+LIMITS = {"clock_mhz": {"0": 2000.0, "1": 2000.0}, "temperature_c": {"cpu 0": 85.0}}
 
 
 class FakeSys:
@@ -51,22 +51,21 @@ def fake(tmp_path):
 
 def test_what_the_kernel_tells_without_files_that_cannot_be_read(fake, tmp_path):
     log = Sensors([0, 1], tmp_path)
-    told = log.read()
-    assert (log.limits, told.clock_mhz, told.throttles) == (LIMITS, {"0": 1800.0, "1": 1800.0}, 6)
-    assert told.temperature_c == {"cpu 0": 55.25}
+    log.read()
+    assert log.limits == LIMITS
+    assert [row["value"] for row in log.readings] == [1800.0, 1800.0, 55.25, 3, 3]
     fake.clock(0, "<unknown>")
     (tmp_path / "class/thermal/thermal_zone0/temp").unlink()
-    told = log.read()
-    assert told.clock_mhz == {"1": 1800.0} and told.temperature_c == {}
+    log.read()
+    assert [row["value"] for row in log.readings[5:]] == [1800.0, 3, 3]
 
 
 def test_a_machine_that_tells_nothing_has_no_readings_and_is_not_called_throttled(tmp_path):
     log = Sensors([0, 7], tmp_path)
     log.read()
     log.read()
-    assert log.readings[0].throttles is None
-    facts = sensor_facts(log.readings, log.limits)
-    assert facts == {"readings": 2, "throttled": "", "clock_mhz": {}, "temperature_c": {}}
+    nothing = {"readings": 2, "throttled": "", "clock_mhz": {}, "temperature_c": {}}
+    assert log.facts() == nothing and log.readings == []
 
 
 def test_readings_are_taken_no_sooner_than_a_quarter_second_after_the_last(
@@ -84,19 +83,6 @@ def test_readings_are_taken_no_sooner_than_a_quarter_second_after_the_last(
             log.read()
             taken.append(sixteenth)
     assert taken == [0, 4, 8]
-
-
-def readings(clocks="", temperatures="", counts=""):
-    """Readings of core 0 and of the one zone, in order, of numbers with blanks between."""
-    columns = [
-        [{"0": float(each)} for each in clocks.split()],
-        [{"cpu 0": float(each)} for each in temperatures.split()],
-        [int(each) for each in counts.split()],
-    ]
-    return [
-        Reading(float(at), clock or {}, temperature or {}, count)
-        for at, (clock, temperature, count) in enumerate(zip_longest(*columns))
-    ]
 
 
 THROTTLED = """
@@ -120,8 +106,15 @@ THROTTLED = """
     ("clocks", "temperatures", "counts", "words", "share"),
     cases(THROTTLED, 5),
 )
-def test_when_a_run_is_called_throttled(clocks, temperatures, counts, words, share):
-    found = throttling(readings(clocks, temperatures, counts), LIMITS)
+def test_when_a_run_is_called_throttled(fake, tmp_path, clocks, temperatures, counts, words, share):
+    log = Sensors([0, 1], tmp_path)
+    told = {"clock_mhz": clocks, "temperature_c": temperatures, "throttles": counts}
+    log.readings = Rows(
+        {"kind": kind, "sensor": "cpu 0" if kind == "temperature_c" else "0", "value": float(value)}
+        for kind, values in told.items()
+        for value in values.split()
+    )
+    found = log.throttling()
     assert bool(found.words) == bool(words) and words in found.words
     assert found.share == pytest.approx(float(share))
 
@@ -132,7 +125,7 @@ def test_the_report_tells_ranges_limits_and_the_verdict(fake, tmp_path):
         fake.clock(0, 1000 * mhz)
         fake.temperature(1000 * degrees)
         log.read()
-    facts = sensor_facts(log.readings, log.limits)
+    facts = log.facts()
     clock = facts["clock_mhz"]["0"]
     temperature = facts["temperature_c"]["cpu 0"]
     assert clock == {"first": 2000, "last": 1200, "min": 1200, "max": 2000, "limit": 2000}

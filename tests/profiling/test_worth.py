@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from nnpp_edge.profiling.rows import Rows
 from nnpp_edge.profiling.worth import (
     ALIKE,
     BETTER,
@@ -18,7 +19,7 @@ from nnpp_edge.profiling.worth import (
 
 
 def answers(gaps, times_ms):
-    return [{"gap": gap, "time_ms": ms} for gap, ms in zip(gaps, times_ms, strict=True)]
+    return Rows({"gap": gap, "time_ms": ms} for gap, ms in zip(gaps, times_ms, strict=True))
 
 
 def compared(gap, speed):

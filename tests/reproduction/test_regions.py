@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from nnpp_edge.calibrate.quantize import answers
+from nnpp_edge.profiling.rows import Rows
 from nnpp_edge.reproduction.planners import OneMap
 from nnpp_edge.reproduction.regions import BAND, CONTROLS, CORRIDOR, NETWORK
-from nnpp_edge.reproduction.rows import Rows
 from nnpp_edge.runtime.terrain.step_cost import PAPER_OMEGA
 from nnpp_edge.terrain.dataset import Samples
 from nnpp_edge.training.validation import Validator

@@ -1,24 +1,41 @@
-"""Tidy rows, the paper's and ours alike: a dict for each answer, and figures of many of them.
+"""Tidy rows, one for each answer, and figures of many of them.
 
-``planner`` names who answered, other text and numbers say to what (``size``, ``map``), and the rest
-is measured: ``time_s``; ``found`` (in the first region that was searched, 1 or 0); ``cc`` of the
-path beside ``exact_cc``, that of the optimal one; ``mm``, cells of the optimal path over those of
-the region searched (Eq. 6); ``share`` of the map's cells that belong to that. What was not
-measured, or does not exist without a path, is left out.
+``planner`` names who answered; other text and numbers say to what (``workload``, ``size``,
+``map``, ``half``), and the rest is measured. What was not measured, or does not exist without a
+path, is left out.
 """
 
 import csv
 import io
 import math
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
 
-from nnpp_edge.progress import MISSING, shown
-
 Row = dict[str, Any]
+Facts = dict[str, Any]
+"""Content of JSON, by key; docs/reference/figures.md says what the keys of a profile's report mean.
+"""
+Line = Mapping[str, Any]
+"""A line of a table, by key."""
+PLACE = itemgetter("workload", "size", "planner")
+"""What tells a row of results from the others of its report."""
+REDUCTIONS: dict[str, Callable[[list[float]], np.floating]] = {
+    "mean": np.mean,
+    "median": np.median,
+    "p90": partial(np.quantile, q=0.9),
+    "p95": partial(np.quantile, q=0.95),
+    "p99": partial(np.quantile, q=0.99),
+    "p999": partial(np.quantile, q=0.999),
+    "max": np.max,
+    "share": np.mean,
+}
+"""How a column becomes a figure; a share is the mean of what is 0 or 1."""
+SPREAD = ("median", "p90", "p99", "max", "mean")
 
 
 class Rows(list[Row]):
@@ -29,6 +46,10 @@ class Rows(list[Row]):
         found = Rows(row for row in self if values.items() <= row.items())
         return Rows(row for row in found if row.get("planner") in planners) if planners else found
 
+    def having(self, *names: str) -> "Rows":
+        """The rows that have something under each of these names."""
+        return Rows(row for row in self if row.keys() >= {*names})
+
     def by(self, name: str) -> "dict[Any, Rows]":
         """The rows by their values under a name, in the order of the first of each."""
         return {key: rows for (key,), rows in self.groups([name]).items()}
@@ -38,6 +59,14 @@ class Rows(list[Row]):
         found = defaultdict[tuple[Any, ...], Rows](Rows)
         for row in self:
             found[tuple(row.get(name) for name in names)].append(row)
+        return found
+
+    def averaged(self, name: str) -> "Rows":
+        """A row for each value under a name, with the means of the numbers that were measured."""
+        found = Rows()
+        for rows in self.by(name).values():
+            measured = {key for key, value in rows[0].items() if isinstance(value, float)}
+            found.append(rows[0] | {key: rows.mean(key) for key in measured})
         return found
 
     def all(self, name: str) -> list[float]:
@@ -52,6 +81,28 @@ class Rows(list[Row]):
     def total(self, name: str) -> float:
         """Sum of the numbers under a name; NaN where there are none."""
         return sum(self.all(name)) or math.nan
+
+    def ratio(self, name: str, other: str) -> float | None:
+        """The sum of a column over that of another, of the rows that have both."""
+        both = self.having(name, other)
+        whole = sum(both.all(other))
+        return sum(both.all(name)) / whole if whole > 0.0 else None
+
+    def figure(self, name: str) -> float | None:
+        """A figure by its name: a column and, behind the last underscore, its reduction."""
+        column, _, how = name.rpartition("_")
+        values = self.all(column)
+        return float(REDUCTIONS[how](values)) if values else None
+
+    def figures(self, names: str) -> Facts:
+        """Several figures by their names."""
+        return {name: self.figure(name) for name in names.split()}
+
+    def spread(self, name: str) -> Facts | None:
+        """Quantiles and mean of a column; None where it is empty."""
+        found = {how: self.figure(f"{name}_{how}") for how in SPREAD}
+        rounded = {how: round(value, 6) for how, value in found.items() if value is not None}
+        return rounded or None
 
     def answered(self) -> "Rows":
         """The rows of those queries for which every planner found a path."""
@@ -75,9 +126,8 @@ class Rows(list[Row]):
         """Share by which the summed CC of these planners' paths, by default of all, exceeds that of
         the optimal ones; NaN without a path.
         """
-        solved = Rows(row for row in self.of(*planners) if "cc" in row)
-        exact = sum(solved.all("exact_cc"))
-        return sum(solved.all("cc")) / exact - 1.0 if exact else math.nan
+        share = self.of(*planners).ratio("cc", "exact_cc")
+        return math.nan if share is None else share - 1.0
 
     def csv(self) -> str:
         """Comma-separated values, floats in full; inf, NaN and what a row lacks are left empty."""
@@ -86,37 +136,9 @@ class Rows(list[Row]):
         writer = csv.DictWriter(out, list(names), lineterminator="\n")
         writer.writeheader()
         for row in self:
-            finite = {
-                name: value
-                for name, value in row.items()
-                if isinstance(value, str) or math.isfinite(value)
+            told = row.items()
+            written = {
+                key: value for key, value in told if isinstance(value, str) or math.isfinite(value)
             }
-            writer.writerow(finite)
+            writer.writerow(written)
         return out.getvalue()
-
-
-def seconds(value: float) -> str:
-    """A time with its unit, three digits."""
-    if not math.isfinite(value):
-        return MISSING
-    return f"{value:.3g} s" if value >= 1.0 else f"{1e3 * value:.3g} ms"
-
-
-def times(ratio: float) -> str:
-    """How many times as fast."""
-    if not math.isfinite(ratio):
-        return MISSING
-    return f"{ratio:.0f}×" if ratio >= 100.0 else f"{ratio:.3g}×"
-
-
-def percent(share: float, digits: int = 1) -> str:
-    """A share in per cent, never as -0."""
-    return shown(share, f"z.{digits}%")
-
-
-def spread(values: list[float], digits: int) -> str:
-    """Mean and standard deviation, of one value itself; a dash where there are no values."""
-    if not values:
-        return MISSING
-    mean = f"{np.mean(values):.{digits}f}"
-    return mean if len(values) == 1 else f"{mean} ± {np.std(values):.{digits}f}"
