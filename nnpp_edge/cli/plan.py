@@ -68,7 +68,7 @@ def command(
 
     with told_if_slow("loading the package"):
         from nnpp_edge.cli.maps import reads_by_windows
-        from nnpp_edge.cli.planning import plan_by_windows, plan_in_memory
+        from nnpp_edge.cli.planning import plan_on
         from nnpp_edge.runtime.memory import DIRECTED_BYTES_PER_CELL
 
     directed = robot.step_cost != "paper"
@@ -77,12 +77,10 @@ def command(
         _BYTES_PER_CELL + (body.bytes_per_cell if body else 0) + DIRECTED_BYTES_PER_CELL * directed
     )
     whole = directed or body is not None or any(name in FIGURES for name in request.formats)
-    if request.crop is None and reads_by_windows(dem, memory, per_cell, whole=whole):
-        answer = plan_by_windows(request, query, steps, dem, robot)
-    else:
-        answer = plan_in_memory(
-            request, query, steps, dem, robot, model=model, drawn=output is not None
-        )
+    large = request.crop is None and reads_by_windows(dem, memory, per_cell, whole=whole)
+    answer = plan_on(
+        request, query, steps, dem, robot, model=model, drawn=output is not None, large=large
+    )
     answer.warn_if_close()
     if model != "edge" and answer.plan.method != "nnpp":
         warnings.warn(

@@ -12,7 +12,7 @@ from nnpp_edge.cli import options
 from nnpp_edge.cli.ground_options import GroundOptions
 from nnpp_edge.cli.outputs import Format, chosen
 from nnpp_edge.cli.requests import Start
-from nnpp_edge.cli.text import aligned, duration, tell, work
+from nnpp_edge.cli.text import aligned, tell
 from nnpp_edge.runtime.options import StepOptions
 
 _FILES = ("reach.tif", "reach.geojson", "reach.png", "reach.json")
@@ -112,11 +112,12 @@ def command(
 
     import numpy as np
 
-    from nnpp_edge.cli.maps import Near, chart_of, cost_of, refuse, size_in_words, size_of
+    from nnpp_edge.cli.maps import chart_of, cost_of, refuse, size_in_words, size_of
     from nnpp_edge.files import write_all
     from nnpp_edge.runtime import Planner
     from nnpp_edge.runtime.compiled.notice import told_if_slow
     from nnpp_edge.runtime.planners.query import problem_with
+    from nnpp_edge.terrain.facts import duration, work
     from nnpp_edge.terrain.rasters import raster_bytes
     from nnpp_edge.terrain.route import Reach
     from nnpp_edge.terrain.vectors import geopackage_bytes
@@ -141,7 +142,7 @@ def command(
     ground = replace(ground, step_cost=step_cost)
     planner = Planner(ground.priced(cost), **steps)
     if problem := problem_with(planner.state.grid, cell, cell):
-        refuse(problem, cell, cell, Near.of(terrain, ground, cost, planner))
+        refuse(problem, cell, cell, terrain, planner, ground)
     shares = tuple((most * np.arange(1, levels + 1) / levels).tolist())
     with told_if_slow("searching"):
         field = planner.reach(cell, most)

@@ -74,23 +74,3 @@ def _cell(row: Row, column: Column) -> str:
     for key in keys.split("."):
         value = value[key] if isinstance(value, Mapping) else None
     return shown(value, form)
-
-
-def duration(seconds: float) -> str:
-    """A time in words."""
-    if seconds < 60.0:
-        return f"{seconds:.3g} s"
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    if hours >= 48:
-        days, hours = divmod(hours, 24)
-        return f"{days} days {hours} h"
-    parts = ((hours, "h"), (minutes, "min"), (0 if hours else rest, "s"))
-    return " ".join(f"{number} {unit}" for number, unit in parts if number)
-
-
-def work(joules: float) -> str:
-    """An energy in words."""
-    if joules < 1e6:
-        return f"{joules / 1e3:.4g} kJ"
-    return f"{joules / 1e6:.4g} MJ ({joules / 3.6e6:.3g} kWh)"

@@ -24,6 +24,7 @@ from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.robots.body.refusal import refusals
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
+from nnpp_edge.terrain.facts import metres
 from nnpp_edge.viz.palette import (
     BODY,
     COST,
@@ -43,7 +44,7 @@ from nnpp_edge.viz.palette import (
     UNKNOWN,
     Colour,
 )
-from nnpp_edge.viz.sheet import CIRCLE, LEAST_PIXELS, SHADES, Item, MapDrawing, Picture, metres
+from nnpp_edge.viz.sheet import CIRCLE, LEAST_PIXELS, SHADES, Item, MapDrawing, Picture
 
 Shade = NDArray[np.uint8]
 """(H, W) lightness of the relief, or a number for each cell."""

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Array, Cells, Floats
 from nnpp_edge.runtime.cells import Cell, Rectangle
+from nnpp_edge.terrain.facts import metres
 from nnpp_edge.viz.palette import (
     BODY,
     GOAL,
@@ -257,10 +258,3 @@ def _paper(height: int, width: int) -> Picture:
 
 def _fixed(points: Array) -> Cells:
     return np.asarray(np.rint(points * 2**_SHIFT), np.int32)
-
-
-def metres(length_m: float) -> str:
-    """A length for people, in m or km."""
-    if length_m < 1000.0:
-        return f"{length_m:.4g} m"
-    return f"{length_m / 1000.0:.4g} km"

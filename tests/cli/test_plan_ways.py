@@ -16,13 +16,13 @@ import pyogrio
 import pytest
 from pyproj import Transformer
 
-from nnpp_edge.cli.text import duration, work
 from nnpp_edge.runtime import Planner, Vehicle
 from nnpp_edge.runtime.kernels.poses import REFUSALS
 from nnpp_edge.runtime.map.along import Numbers
 from nnpp_edge.runtime.planners.turns import curvatures
 from nnpp_edge.runtime.robots.body.primitives import sharpest_m
 from nnpp_edge.terrain.dem import Dem
+from nnpp_edge.terrain.facts import duration, work
 from nnpp_edge.terrain.georeference import Georeference
 from nnpp_edge.terrain.rasters import raster_bytes
 from nnpp_edge.terrain.vehicle_files import load_mobility, load_vehicle
