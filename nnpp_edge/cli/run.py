@@ -12,7 +12,7 @@ import click
 from nnpp_edge.cli import options
 from nnpp_edge.cli.ground_options import GroundOptions, Known
 from nnpp_edge.cli.options import MANY
-from nnpp_edge.cli.text import aligned
+from nnpp_edge.cli.text import aligned, counted, loop_lines
 from nnpp_edge.robot.transports.wiring import STDOUT, Wiring
 from nnpp_edge.runtime.options import StepOptions
 
@@ -117,22 +117,11 @@ def command(
 def summary(counters: "Counters") -> str:
     """The counters for people; what never happened is left out."""
     c = counters
-
-    def counted(counts: dict[str, int]) -> str:
-        return ", ".join(f"{what} {count}" for what, count in counts.items() if count)
-
     odd = {"clipped": c.patches_clipped, "rejected": c.patches_rejected, "merged": c.patches_merged}
     patches = (f"{c.patches} ({c.cells_changed} cells changed)", counted(odd))
-    times = [f"{name} {ms:.2f} ms" for name, ms in (c.tick_ms or {}).items()]
-    late = f"{c.overruns} overruns, {c.skipped} deadlines skipped"
     lines = {
-        "ticks": f"{c.ticks}: {c.planned} planned, {c.kept} kept, {c.failed} without a path",
-        "tick": ", ".join(times),
-        "late": late if c.overruns or c.skipped else "",
-        "degraded": counted(c.degraded),
-        "errors": counted(c.errors),
-        "dropped": counted(c.drops),
-        "lost": counted(c.lost),
+        **loop_lines(c),
+        "tick": ", ".join(f"{name} {ms:.2f} ms" for name, ms in (c.tick_ms or {}).items()),
         "patches": ", ".join(filter(None, patches)) if c.patches else "",
         "memory": f"{c.rss_bytes / 1e6:.0f} MB",
     }

@@ -3,11 +3,14 @@
 import io
 import json
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from nnpp_edge.progress import markdown_table, shown
+
+if TYPE_CHECKING:
+    from nnpp_edge.runtime.loop.messages import Counters
 
 Row = Mapping[str, Any]
 Column = str | Callable[[Row], str]
@@ -74,3 +77,22 @@ def _cell(row: Row, column: Column) -> str:
     for key in keys.split("."):
         value = value[key] if isinstance(value, Mapping) else None
     return shown(value, form)
+
+
+def loop_lines(counters: "Counters") -> dict[str, str]:
+    """What a loop did; what never happened is left out."""
+    c = counters
+    late = f"{c.overruns} overruns, {c.skipped} deadlines skipped"
+    return {
+        "ticks": f"{c.ticks}: {c.planned} planned, {c.kept} kept, {c.failed} without a path",
+        "late": late if c.overruns or c.skipped else "",
+        "degraded": counted(c.degraded),
+        "errors": counted(c.errors),
+        "dropped": counted(c.drops),
+        "lost": counted(c.lost),
+    }
+
+
+def counted(counts: Mapping[str, int]) -> str:
+    """How often each thing happened, without what never did."""
+    return ", ".join(f"{what} {count}" for what, count in counts.items() if count)

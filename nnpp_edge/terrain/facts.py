@@ -2,7 +2,7 @@
 maps.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 from nnpp_edge.runtime.planners.plan import Plan
@@ -113,11 +113,6 @@ def work(joules: float) -> str:
     if joules < 1e6:
         return f"{joules / 1e3:.4g} kJ"
     return f"{joules / 1e6:.4g} MJ ({joules / 3.6e6:.3g} kWh)"
-
-
-def counts(numbers: Mapping[str, int]) -> str:
-    """How often what happened in words, without what never did."""
-    return ", ".join(f"{name} {number}" for name, number in sorted(numbers.items()) if number)
 
 
 def _number(value: object) -> str:
