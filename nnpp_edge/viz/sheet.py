@@ -27,7 +27,7 @@ from nnpp_edge.viz.palette import (
 
 Picture = NDArray[np.uint8]
 Shape = tuple[Sequence[Sequence[float]] | Array, Colour, float]
-"""A line of points (x, y), its colour and its width; of width 0 a filled polygon with a dark rim."""
+"""A line of points (x, y), its colour and its width; of width 0 a filled polygon with a rim."""
 
 LEAST_PIXELS = 800
 _LARGE = 1200
