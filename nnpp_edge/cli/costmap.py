@@ -56,13 +56,15 @@ def command(
 
     from nnpp_edge.cli.maps import reads_by_windows, size_in_words, size_of
     from nnpp_edge.runtime.errors import InvalidQueryError
+    from nnpp_edge.terrain.dem import open_dem
 
     by_windows = reads_by_windows(dem, memory, _BYTES_PER_CELL)
     if by_windows and output.suffix.lower() not in _RASTERS:
         raise InvalidQueryError(
             f"--output must end in .tif for a map that is read by windows, got {output.name!r}"
         )
-    with terrain.open(dem) if by_windows else nullcontext(terrain.read(dem)) as ground:
+    opened = open_dem(dem, terrain.cell_size) if by_windows else nullcontext(terrain.read(dem))
+    with opened as ground:
         share = _write(ground, terrain.limits(ground), output, picture)
     files = [str(output), str(picture)]
     lines = {

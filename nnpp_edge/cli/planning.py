@@ -35,7 +35,7 @@ from nnpp_edge.runtime.planners.query import problem_with
 from nnpp_edge.runtime.planners.tour import Tour
 from nnpp_edge.runtime.tuning import LARGE_MAP
 from nnpp_edge.terrain.coordinates import lonlat_of
-from nnpp_edge.terrain.dem import Dem, DemWindows, part_of
+from nnpp_edge.terrain.dem import Dem, DemWindows, open_dem, part_of
 from nnpp_edge.terrain.georeference import Place
 from nnpp_edge.terrain.route import Route, places_of
 from nnpp_edge.viz.picture import Chart, Reached, body_outlines, plan_picture, refused_on
@@ -77,7 +77,7 @@ def _read(request: PlanRequest, path: Path, robot: GroundOptions, large: bool) -
     with ExitStack() as stack:
         whole: Dem | DemWindows
         try:
-            whole = stack.enter_context(robot.open(path))
+            whole = stack.enter_context(open_dem(path, robot.cell_size))
         except TerrainError:  # of a format that is read as a whole
             if large:
                 raise

@@ -471,20 +471,13 @@ def _facts(plan: Plan) -> Iterator[str]:
     if not plan.ok:
         yield str(plan.status)
     if len(plan.path):
-        yield f"cost {_number(plan.cost)}"
+        yield f"cost {plan.cost:.5g}"
         if plan.waypoints is not None:
-            yield f"line integral {_number(plan.line_cost)}"
-        if plan.along is None:
-            yield f"{_number(plan.length)} cells"
-        else:
-            yield f"length {metres(float(plan.along.distance_m[-1]))}"
+            yield f"line integral {plan.line_cost:.5g}"
+        metric = plan.along is not None
+        yield f"length {metres(plan.numbers.length_m) if metric else f'{plan.length:.4g} cells'}"
     if "total" in plan.timings_ms:
-        yield f"{_number(plan.timings_ms['total'])} ms"
-
-
-def _number(x: float) -> str:
-    """Four digits, or all of those before the point."""
-    return f"{x:.0f}" if x >= 1000.0 else f"{x:.4g}"
+        yield f"{plan.timings_ms['total']:.4g} ms"
 
 
 def tinted(tint: Tint) -> Colour:
