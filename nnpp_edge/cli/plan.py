@@ -14,10 +14,6 @@ from nnpp_edge.cli.text import tell
 from nnpp_edge.runtime.compiled.notice import told_if_slow
 from nnpp_edge.runtime.options import PlanOptions, StepOptions
 
-_OUTPUT = (
-    "Folder for path.geojson, path.csv, plan.png and plan.json; other files that an earlier plan "
-    "wrote there are removed."
-)
 _FILES = ("path.geojson", "path.csv", "plan.png", "plan.json")
 _BYTES_PER_CELL = 24
 """At the peak of planning on a whole map: 19 to 23 measured, the most by `nnpp`
@@ -34,7 +30,15 @@ def command(
     steps: StepOptions,
     robot: GroundOptions,
     model: options.Model = "edge",
-    output: Annotated[Path | None, "-o", options.PATH, _OUTPUT] = None,
+    output: Annotated[
+        Path | None,
+        "-o",
+        options.PATH,
+        (
+            "Folder for path.geojson, path.csv, plan.png and plan.json; other files that an "
+            "earlier plan wrote there are removed."
+        ),
+    ] = None,
     memory: options.Memory = None,
     as_json: options.AsJson = False,
 ) -> None:

@@ -26,20 +26,11 @@ _SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0}
 _JOULES = {"J": 1.0, "kJ": 1e3, "MJ": 1e6, "Wh": 3600.0, "kWh": 3.6e6}
 _IN_SECONDS = ("time", "tobler", "irmischer")
 """Step costs that are times."""
-_COST = "The most that a path may cost, in the unit of --step-cost."
 _TOO_LONG = (
     "in eight directions: one straight between them counts up to 8.2 % too long",
     "in sixteen directions: one straight between them counts up to 2.8 % too long",
 )
 """Of a point, and of a body: 1 over the cosine of half the widest angle between two directions."""
-_TIME = (
-    "The longest time of a path: by --step-cost, else at the vehicle's speeds, else by "
-    "Tobler's function."
-)
-_ENERGY = (
-    "The most energy that a --vehicle may draw, in joules unless a unit is given: 500kJ, "
-    "20MJ, 2kWh."
-)
 
 
 def _amount(units: dict[str, float], word: str) -> float:
@@ -64,9 +55,25 @@ def command(
     /,
     *,
     start: Start,
-    within_cost: Annotated[float | None, _COST] = None,
-    within_time: Annotated[float | None, _DURATION, _TIME] = None,
-    within_energy: Annotated[float | None, _WORK, _ENERGY] = None,
+    within_cost: Annotated[
+        float | None, "The most that a path may cost, in the unit of --step-cost."
+    ] = None,
+    within_time: Annotated[
+        float | None,
+        _DURATION,
+        (
+            "The longest time of a path: by --step-cost, else at the vehicle's speeds, else by "
+            "Tobler's function."
+        ),
+    ] = None,
+    within_energy: Annotated[
+        float | None,
+        _WORK,
+        (
+            "The most energy that a --vehicle may draw, in joules unless a unit is given: 500kJ, "
+            "20MJ, 2kWh."
+        ),
+    ] = None,
     robot: GroundOptions,
     levels: Annotated[int, click.IntRange(1, 24), "Number of areas."] = 4,
     steps: StepOptions,

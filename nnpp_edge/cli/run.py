@@ -20,15 +20,6 @@ if TYPE_CHECKING:
     from nnpp_edge.runtime.loop.messages import Counters
     from nnpp_edge.runtime.map.ground import Ground
 
-_LOOP = (
-    "Set a value of the profile's table [loop], such as cores=[2,3], priority=50, tolerance=0.05, "
-    "approach=true or "
-    "refine=any-angle. May be repeated."
-)
-_MISSES = (
-    "Exit code 1 where more than this share of the deadlines was missed, such as 0.01; a tick that "
-    "takes several periods misses several."
-)
 _SETTING = options.SettingType(
     "nnpp_edge.runtime.loop.settings:OnboardLoop", "tolerance=0.05", bare=True
 )
@@ -49,9 +40,25 @@ def command(
     rate: Annotated[float | None, options.RATE, "Ticks a second; 17 by default."] = None,
     method: Annotated[str | None, "Planner; auto by default."] = None,
     model: options.Model | None = None,
-    loop: Annotated[tuple[options.Setting, ...], _SETTING, MANY, _LOOP] = (),
+    loop: Annotated[
+        tuple[options.Setting, ...],
+        _SETTING,
+        MANY,
+        (
+            "Set a value of the profile's table [loop], such as cores=[2,3], priority=50, "
+            "tolerance=0.05, approach=true or refine=any-angle. May be repeated."
+        ),
+    ] = (),
     ticks: Annotated[int | None, "End after so many."] = None,
-    fail_on_misses: Annotated[float | None, options.SHARE, {"metavar": "SHARE"}, _MISSES] = None,
+    fail_on_misses: Annotated[
+        float | None,
+        options.SHARE,
+        {"metavar": "SHARE"},
+        (
+            "Exit code 1 where more than this share of the deadlines was missed, such as 0.01; a "
+            "tick that takes several periods misses several."
+        ),
+    ] = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Plan at a fixed rate: patches, poses and goals in, paths out.

@@ -25,12 +25,6 @@ _SAMPLE = "moon_highlands"
 _SAMPLE_RESCALE = 20.0
 _CELLS_TO_A_BODY = 4.0
 """Cells of the sample along a vehicle."""
-_SIZE = (
-    "Side of the part of the map that is driven on; the seed picks one, which holds --start "
-    "and --goal."
-)
-_GOAL = "As --start; by default the seed picks both."
-_NOISE = "Standard deviation of the steering angle, degrees, of a vehicle that drives arcs."
 
 
 @options.command("simulate")
@@ -41,16 +35,27 @@ def command(
     dem: Annotated[
         Path | None, "--map", options.MAP, "Elevation map; by default the shipped lunar sample."
     ] = None,
-    size: Annotated[int, click.IntRange(16, options.MOST), _SIZE] = 256,
+    size: Annotated[
+        int,
+        click.IntRange(16, options.MOST),
+        (
+            "Side of the part of the map that is driven on; the seed picks one, which holds "
+            "--start and --goal."
+        ),
+    ] = 256,
     start: Start | None = None,
-    goal: Annotated[End | None, PLACE, _GOAL] = None,
+    goal: Annotated[End | None, PLACE, "As --start; by default the seed picks both."] = None,
     method: Annotated[str, click.Choice([*METHODS])] = "auto",
     model: options.Model = "edge",
     rate: Annotated[float | None, options.RATE, "Ticks a second; else as fast as possible."] = None,
     ticks: Annotated[int, "At most."] = 5000,
     sight: Annotated[int, "Cells to each side, beyond the body, that it sees."] = 12,
     speed: Annotated[int, "Cells a tick."] = 1,
-    steering_noise: Annotated[float, options.Real(0.0, 45.0), _NOISE] = 0.0,
+    steering_noise: Annotated[
+        float,
+        options.Real(0.0, 45.0),
+        "Standard deviation of the steering angle, degrees, of a vehicle that drives arcs.",
+    ] = 0.0,
     rocks: Annotated[float, options.Real(0.0, 0.2), "Share of the ground under rocks."] = 0.0,
     seed: options.Seed = 1,
     endless: Annotated[bool, "Drive from goal to goal for all --ticks."] = False,
