@@ -42,8 +42,8 @@ def command(
         signature = inspect.signature(function)
         params = {each.name: _params(each) for each in signature.parameters.values()}
 
-        def call(**given: Any) -> None:
-            taken: dict[str, Any] = {}
+        def call(**given: object) -> None:
+            taken: dict[str, object] = {}
             for each in signature.parameters.values():
                 values = {str(own.name): given[str(own.name)] for own in params[each.name]}
                 known = {name: value for name, value in values.items() if value is not None}

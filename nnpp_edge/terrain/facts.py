@@ -3,7 +3,7 @@ maps.
 """
 
 from collections.abc import Callable, Iterable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from nnpp_edge.runtime.planners.plan import Plan
 
@@ -123,7 +123,7 @@ def _radius(curvature_per_m: float) -> str:
     return f"{1.0 / curvature_per_m:.3g} m"
 
 
-_FORMS: dict[str, Callable[[Any], str]] = {
+_FORMS: dict[str, Callable[..., str]] = {
     "m": metres,
     "°": "{:.1f}°".format,
     "s": duration,

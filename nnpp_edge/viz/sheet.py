@@ -46,6 +46,10 @@ CIRCLE = np.column_stack((np.cos(_TURN), np.sin(_TURN)))
 """Of radius 1."""
 
 
+_SQUARE = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+_PATCH = np.multiply(np.add(_SQUARE, (1, 0)), (11.0, 7.0))
+
+
 class Key(NamedTuple):
     """Words in the strip below the map, with a symbol before them that is so many points wide."""
 
@@ -56,7 +60,7 @@ class Key(NamedTuple):
 
 def swatch(colour: Colour, words: str) -> Key:
     """A key: a patch of colour."""
-    return Key(words, 22.0, [(np.array([(0, -7), (22, -7), (22, 7), (0, 7)]), colour, 0.0)])
+    return Key(words, 22.0, [(_PATCH, colour, 0.0)])
 
 
 class MapDrawing:
@@ -144,7 +148,7 @@ class MapDrawing:
             turns = np.arange(10) * math.pi / 5
             tips = np.column_stack([np.sin(turns), -np.cos(turns)])
             self.mark(goal, tips * np.array([[11.0], [4.4]] * 5), GOAL)
-        self.mark(start, np.array([(-6.5, -6.5), (6.5, -6.5), (6.5, 6.5), (-6.5, 6.5)]), START)
+        self.mark(start, 6.5 * _SQUARE, START)
 
     def mark(self, cell: Cell, corners: Array, colour: Colour, sign: str = "") -> None:
         """Draw a place by a polygon, with a number or a sign in it."""
@@ -172,7 +176,8 @@ class MapDrawing:
         decade = 10.0 ** math.floor(math.log10(most))
         length_m = max(n * decade for n in (1, 2, 5) if n * decade <= most)
         right = length_m / cell_size_m * self.sides[1] / self.unit
-        bar = [(0.0, -5.0), (0.0, 5.0), (0.0, 0.0), (right, 0.0), (right, -5.0), (right, 5.0)]
+        bar = [(0.0, -5.0), (0.0, 5.0), (0.0, 0.0)]
+        bar += [(right, 0.0), (right, -5.0), (right, 5.0)]
         return [Key(metres(length_m), right, [(bar, INK, 1.5)])]
 
     def finish(self, lines: Sequence[Sequence[Key]]) -> Picture:
