@@ -80,9 +80,10 @@ def _param(
 ) -> click.Parameter:
     found = [each for each in (annotation, *get_args(annotation)) if hasattr(each, "__metadata__")]
     python_type, *said = get_args(found[0]) if found else (annotation,)
-    words: dict[str, Any] = {"type": _KINDS.get(python_type), "default": default}
-    if default in (MISSING, inspect.Parameter.empty):
-        words |= {"default": None, "required": True}
+    required = default in (MISSING, inspect.Parameter.empty)
+    words: dict[str, Any] = {"required": required, "type": _KINDS.get(python_type)}
+    if make is click.Option and not required:
+        words["default"] = default
     word = "--" + re.sub("_(s|m|deg)$", "", name).replace("_", "-")  # a unit ends a key's name
     if python_type is bool:
         words["is_flag"] = True
