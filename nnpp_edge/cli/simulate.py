@@ -83,6 +83,7 @@ def command(
     from nnpp_edge.robot.transports.mcap_log import McapLog
     from nnpp_edge.robot.transports.rerun_view import RerunSink
     from nnpp_edge.runtime.compiled.notice import told_if_slow
+    from nnpp_edge.runtime.errors import InvalidQueryError
     from nnpp_edge.simulation.drive_picture import drive_picture, film_of
     from nnpp_edge.simulation.part import ground_of_part, part_of_map
     from nnpp_edge.simulation.scene import SimulationSettings
@@ -137,7 +138,11 @@ def command(
                 sinks.append(stack.enter_context(closing(RerunSink(view, state))))
             return sinks
 
-        drive = simulate(ground, begin, end, settings, make_sinks=make_sinks, watch=film)
+        try:
+            drive = simulate(ground, begin, end, settings, make_sinks=make_sinks, watch=film)
+        except InvalidQueryError as error:
+            place = f"on the part of the map from cell ({row}, {col}) on"
+            raise InvalidQueryError(f"{error}, {place}") from None
     files = [str(sink.path) for sink in sinks if isinstance(sink, McapLog)]
     if picture is not None:
         write_whole(picture, film.gif() if film else png_bytes(drive_picture(ground, drive)))
