@@ -14,8 +14,8 @@ from drawing import ends, line, panels, relief, save
 
 from nnpp_edge.runtime import Planner
 from nnpp_edge.terrain.dem import sample_dem
+from nnpp_edge.terrain.facts import metres
 from nnpp_edge.terrain.workloads import workload
-from nnpp_edge.viz.sheet import metres
 
 QUERIES = {  # name of the map: start and goal, (row, col), and metres of the scale bar
     "moon_highlands": ((90, 60), (450, 470), 10_000),

@@ -15,9 +15,9 @@ from matplotlib.transforms import ScaledTranslation
 from nnpp_edge.runtime import Traversability
 from nnpp_edge.runtime.terrain.traversability import traversability_cost
 from nnpp_edge.terrain.dem import Dem
+from nnpp_edge.terrain.facts import metres
 from nnpp_edge.viz.palette import GOAL, INK, PAPER, PATH, START, UNKNOWN, hexed
 from nnpp_edge.viz.picture import Chart
-from nnpp_edge.viz.sheet import metres
 
 TEXT = 17
 """Points: read where a telephone shrinks the picture to half."""

@@ -46,12 +46,6 @@ MOST_SAMPLED = 16
 term's limit.
 """
 
-# Maps read by windows
-
-BAND_CELLS, BANDS_AHEAD = 1 << 22, 3
-"""Cells of a band of rows that is read and computed as one, about: 16 MB of heights; bands that
-are read ahead, as blocks are decoded for several bands at once, which the others then wait for."""
-
 # Exact search
 
 BUCKET_WIDTH, BUCKET_WIDTH_BY_LANDMARKS = 1.0 / 4.0, 1.0 / 256.0

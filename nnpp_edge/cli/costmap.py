@@ -13,6 +13,9 @@ from nnpp_edge.cli.ground_options import TerrainOptions
 from nnpp_edge.cli.text import aligned, tell
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from nnpp_edge.runtime.arrays import Float2D
     from nnpp_edge.runtime.terrain.traversability import Traversability
     from nnpp_edge.terrain.dem import Dem, DemWindows
 
@@ -53,13 +56,15 @@ def command(
 
     from nnpp_edge.cli.maps import reads_by_windows, size_in_words, size_of
     from nnpp_edge.runtime.errors import InvalidQueryError
+    from nnpp_edge.terrain.dem import open_dem
 
     by_windows = reads_by_windows(dem, memory, _BYTES_PER_CELL)
     if by_windows and output.suffix.lower() not in _RASTERS:
         raise InvalidQueryError(
             f"--output must end in .tif for a map that is read by windows, got {output.name!r}"
         )
-    with terrain.open(dem) if by_windows else nullcontext(terrain.read(dem)) as ground:
+    opened = open_dem(dem, terrain.cell_size) if by_windows else nullcontext(terrain.read(dem))
+    with opened as ground:
         share = _write(ground, terrain.limits(ground), output, picture)
     files = [str(output), str(picture)]
     lines = {
@@ -87,7 +92,6 @@ def _write(
     from nnpp_edge.progress import bar
     from nnpp_edge.runtime.errors import OutputError
     from nnpp_edge.runtime.reading import refused_as
-    from nnpp_edge.runtime.terrain.windows import CostWindows
     from nnpp_edge.terrain.dem import Dem
     from nnpp_edge.terrain.rasters import geotiff_stream, raster_bytes
     from nnpp_edge.viz.picture import Chart, png_bytes
@@ -117,7 +121,7 @@ def _write(
             bar("cost map", ground.shape[0]) as progress,
             geotiff_stream(temporary, ground.shape, ground.georeference) as write,
         ):
-            for row, elevation, cost in CostWindows(ground, limits).bands():
+            for row, elevation, cost in _bands(ground, limits):
                 write(row, np.where(np.isfinite(cost), cost, nodata))
                 passable += int(np.isfinite(cost).sum())
                 every = (slice(-row % step, None, step), slice(None, None, step))
@@ -129,3 +133,20 @@ def _write(
         drawn = chart.picture()
         write_whole(picture, png_bytes(drawn))
     return passable / math.prod(ground.shape)
+
+
+def _bands(
+    ground: "DemWindows", limits: "Traversability"
+) -> "Iterator[tuple[int, Float2D, Float2D]]":
+    """First row, heights and costs of bands of rows, from top to bottom; a cell's cost depends on
+    its neighbours.
+    """
+    from nnpp_edge.runtime.terrain.traversability import traversability_cost
+
+    sides = (ground.cell_size_m, ground.cell_width_m)
+    for row, col, rows, cols in ground.bands():
+        above = min(row, 1)
+        below = min(ground.shape[0] - row - rows, 1)
+        heights = ground.read((row - above, col, above + rows + below, cols))
+        cost = traversability_cost(heights, sides[0], limits, cell_width_m=sides[1], warn=False)
+        yield row, heights[above : above + rows], cost[above : above + rows]

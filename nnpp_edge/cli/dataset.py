@@ -11,22 +11,6 @@ from nnpp_edge.cli.ground_options import TerrainOptions
 from nnpp_edge.cli.text import tell
 from nnpp_edge.runtime.options import Omega
 
-_POINTS = "On a map; pairs far enough apart are queries."
-_SIZE = (
-    "Side of the network's input, or a multiple of it: 64 for edge, 256 for nnpp; with "
-    "--known 32 blocks. [256]"
-)
-_PAPERS_MAPS = (
-    "Maps as the paper's: its cost without hard limits, cells of 20 m, none averaged "
-    "or with a margin."
-)
-_OWN_CELLS = (
-    "Leave the terrain's cells and heights as they are; else it is rescaled to cells of 1 to 20 m."
-)
-_LEAVE = (
-    "Leave out this share of each file, a stripe at the end of its longer side, for --held-out."
-)
-_KNOWN = "Maps are known by means of so many cells to a side, for --architecture unseen."
 _PAPERS = {
     "workloads": (("soft", 1.0),),
     "cell_sizes_m": (20.0,),
@@ -44,17 +28,44 @@ def command(
     *,
     output: Annotated[Path, "-o", options.FOLDER, "Folder; resumed if it holds a part."],
     maps: Annotated[int, "Number of maps."] = 4096,
-    size: Annotated[int | None, _SIZE] = None,
-    points: Annotated[int, click.IntRange(2, 1000), _POINTS] = 4,
+    size: Annotated[
+        int | None,
+        (
+            "Side of the network's input, or a multiple of it: 64 for edge, 256 for nnpp; with "
+            "--known 32 blocks. [256]"
+        ),
+    ] = None,
+    points: Annotated[
+        int, click.IntRange(2, 1000), "On a map; pairs far enough apart are queries."
+    ] = 4,
     synthetic_share: Annotated[float, options.SHARE] = 0.25,
     obstacle_share: Annotated[
         float, options.SHARE, "Share of maps with rectangles of cost 1."
     ] = 0.3,
-    validation_share: Annotated[float, options.Real(0.0, 1.0, max_open=True), _LEAVE] = 0.0,
+    validation_share: Annotated[
+        float,
+        options.Real(0.0, 1.0, max_open=True),
+        "Leave out this share of each file, a stripe at the end of its longer side, for "
+        "--held-out.",
+    ] = 0.0,
     held_out: Annotated[bool, "Use only that stripe, for validation."] = False,
-    own_cell_size: Annotated[bool, _OWN_CELLS] = False,
-    papers_maps: Annotated[bool, _PAPERS_MAPS] = False,
-    known: Annotated[tuple[int, ...], options.COUNTS, _KNOWN] = (),
+    own_cell_size: Annotated[
+        bool,
+        "Leave the terrain's cells and heights as they are; else it is rescaled to cells of 1 to "
+        "20 m.",
+    ] = False,
+    papers_maps: Annotated[
+        bool,
+        (
+            "Maps as the paper's: its cost without hard limits, cells of 20 m, none averaged "
+            "or with a margin."
+        ),
+    ] = False,
+    known: Annotated[
+        tuple[int, ...],
+        options.COUNTS,
+        "Maps are known by means of so many cells to a side, for --architecture unseen.",
+    ] = (),
     terrain: TerrainOptions,
     omega: Omega = 0.011,
     workers: Annotated[int | None, "Processes; by default one a core."] = None,

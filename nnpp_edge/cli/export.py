@@ -9,12 +9,6 @@ import click
 from nnpp_edge.cli import options
 from nnpp_edge.cli.text import tell
 
-_FACTOR = (
-    "Factor on the adaptive threshold that planners are to use with this model; by default that at "
-    "which the best weights were chosen, 0.2 for edge and 0.5 for the others."
-)
-_DATASET = "The training's data set, for the metadata and to compare torch and ONNX on."
-
 _PARITY = "largest difference {max_difference:.1e} of {limit:.0e} allowed, over {queries}"
 
 
@@ -26,8 +20,19 @@ def command(
     name: Annotated[
         str | None, "Of the model, in its metadata; by default the output's name."
     ] = None,
-    region_factor: Annotated[float | None, options.Real(0.0, 1.0, min_open=True), _FACTOR] = None,
-    dataset: Annotated[Path | None, options.FOLDER, _DATASET] = None,
+    region_factor: Annotated[
+        float | None,
+        options.Real(0.0, 1.0, min_open=True),
+        (
+            "Factor on the adaptive threshold that planners are to use with this model; by default"
+            " that at which the best weights were chosen, 0.2 for edge and 0.5 for the others."
+        ),
+    ] = None,
+    dataset: Annotated[
+        Path | None,
+        options.FOLDER,
+        "The training's data set, for the metadata and to compare torch and ONNX on.",
+    ] = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Write CHECKPOINT as an ONNX model, and compare its probabilities with torch's.

@@ -4,7 +4,6 @@ cost.
 
 import math
 import warnings
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
@@ -28,7 +27,7 @@ if TYPE_CHECKING:
     from nnpp_edge.runtime.robots.slope.cost import Mobility
     from nnpp_edge.runtime.terrain.traversability import Traversability
     from nnpp_edge.runtime.terrain.vehicle import Vehicle
-    from nnpp_edge.terrain.dem import Dem, DemWindows
+    from nnpp_edge.terrain.dem import Dem
     from nnpp_edge.terrain.georeference import Place
 
 _CELLS_A_BODY = 4.0
@@ -75,12 +74,6 @@ class TerrainOptions:
         from nnpp_edge.terrain.dem import read_dem
 
         return read_dem(path, self.cell_size)
-
-    def open(self, path: Path) -> "AbstractContextManager[DemWindows]":
-        """The elevation map in a file, to be read by windows."""
-        from nnpp_edge.terrain.dem import open_dem
-
-        return open_dem(path, self.cell_size)
 
     def limits(self, place: "Place | None" = None) -> "Traversability":
         """The limits of a map's costs; UsageError where the workload sets one that was given too.

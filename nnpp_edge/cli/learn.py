@@ -31,8 +31,6 @@ _AT_A_TIME = 20
 STEPS = 6
 OWN = "own"
 """Name of the network that is made."""
-_MINUTES = "Minutes of training, about."
-_SHARE = "Share of the map, a stripe at the end of its longer side, that is kept to judge by."
 _COLUMNS = columns(
     "planner: method | first/region: success_raw .1% | gap/mean: gap_mean z.2% | "
     "gap/p99: gap_p99 z.2% | ms/median: time_ms_median | times as fast/as astar: speedup_median"
@@ -92,8 +90,12 @@ def command(
     /,
     *,
     output: Annotated[Path, "-o", options.FOLDER, "Folder of all files; resumed if begun."],
-    time_limit: Annotated[float, options.POSITIVE, _MINUTES] = 15.0,
-    validation_share: Annotated[float, options.Real(0.01, 0.5), _SHARE] = 0.25,
+    time_limit: Annotated[float, options.POSITIVE, "Minutes of training, about."] = 15.0,
+    validation_share: Annotated[
+        float,
+        options.Real(0.01, 0.5),
+        "Share of the map, a stripe at the end of its longer side, that is kept to judge by.",
+    ] = 0.25,
     maps: Annotated[int, "Number of maps to train on."] = 2048,
     queries: Annotated[int, "To compare the planners on."] = 600,
     terrain: TerrainOptions,

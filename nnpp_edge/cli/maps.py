@@ -7,23 +7,23 @@ import math
 import warnings
 from bisect import bisect_left
 from contextlib import suppress
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
-from typing import NamedTuple, NoReturn
+from typing import NoReturn
 
 import click
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.progress import bar
 from nnpp_edge.runtime import Ground, Planner, Vehicle
 from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Cell, nearest
+from nnpp_edge.runtime.cells import Cell, nearest, slices, widened
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, NnppEdgeError, Status
 from nnpp_edge.runtime.kernels.poses import FAILS
-from nnpp_edge.runtime.memory import available_bytes
+from nnpp_edge.runtime.memory import available_bytes, filed_zeros
 from nnpp_edge.runtime.planners.plan import Method, Plan
-from nnpp_edge.runtime.robots.body.poses import Poses
-from nnpp_edge.runtime.robots.robot import Stance
 from nnpp_edge.runtime.terrain.traversability import (
     Traversability,
     traversability_cost,
@@ -31,7 +31,7 @@ from nnpp_edge.runtime.terrain.traversability import (
 )
 from nnpp_edge.terrain import dem as dems
 from nnpp_edge.terrain.coordinates import lonlat_corners
-from nnpp_edge.terrain.dem import Dem
+from nnpp_edge.terrain.dem import Dem, DemWindows
 from nnpp_edge.terrain.georeference import Place
 from nnpp_edge.terrain.rasters import READ_IN_METRES
 from nnpp_edge.viz.picture import Chart
@@ -42,8 +42,8 @@ _KERBS = (1000, 8, 2, 1)
 """Directions of kerbs that are tried: columns that one goes on by in a row."""
 _RISES = 1.01 ** np.arange(1000.0)
 """Heights of kerbs that are tried, over the step limit."""
-_LOOKED_AROUND = 64
-"""Rows above and below an end that are tried for a place where the vehicle stands."""
+_AROUND = 64
+"""Cells around an impassable end that are tried for a passable one."""
 
 
 def size_of(place: Place) -> dict[str, object]:
@@ -142,21 +142,15 @@ def _bytes(count: float) -> str:
     return f"{count / 1e9:.1f} GB" if count >= 1e9 else f"{count / 1e6:.1f} MB"
 
 
-class Near(NamedTuple):
-    """A part of a map, from its first cell on, and who drives there."""
-
-    place: Dem
-    cost: Float2D
-    limits: Traversability
-    poses: Poses | None = None
-    stance: Stance = Stance()
-    origin: Cell = (0, 0)
-
-    @classmethod
-    def of(cls, dem: Dem, ground: Ground, cost: Float2D, planner: Planner) -> "Near":
-        """The whole of a map in memory."""
-        robot = planner.state.grid.robot
-        return cls(dem, cost, ground.limits, robot.moves.poses, robot.stance)
+def filed(ground: DemWindows) -> Dem:
+    """A map whose heights lie in a temporary file."""
+    heights = filed_zeros(ground.shape, np.float32)
+    with bar("rows of the map", ground.shape[0]) as advance:
+        for part in ground.bands():
+            heights[slices(part)] = ground.read(part)
+            advance(part[0] + part[2])
+    sides = (ground.cell_size_m, ground.cell_width_m)
+    return Dem(heights, *sides, ground.georeference, ground.source)
 
 
 def refuse_map(place: Place) -> NoReturn:
@@ -178,13 +172,16 @@ def refuse_outside(start: Cell, goals: list[Cell], place: Place) -> None:
             _refuse(status, _outside(status, cells[0], place))
 
 
-def refuse(status: Status, start: Cell, goal: Cell, near: Near) -> NoReturn:
+def refuse(
+    status: Status, start: Cell, goal: Cell, dem: Dem, planner: Planner, ground: Ground
+) -> NoReturn:
     """InvalidQueryError for an end that is no place to be: the reason, and the nearest passable
     cell.
     """
     cell = start if status.startswith("START") else goal
-    outside = status.endswith("OUTSIDE_MAP")
-    _refuse(status, _outside(status, cell, near.place) if outside else _blocked(status, cell, near))
+    if status.endswith("OUTSIDE_MAP"):
+        _refuse(status, _outside(status, cell, dem))
+    _refuse(status, _blocked(status, cell, dem, planner, ground))
 
 
 def _refuse(status: Status, reason: str) -> NoReturn:
@@ -219,25 +216,27 @@ def _span(values: NDArray[np.float64], form: str) -> str:
     return f"{format(values.min(), form)} to {format(values.max(), form)}"
 
 
-def _blocked(status: Status, cell: Cell, near: Near) -> str:
-    """Why no path begins or ends on a cell, and the nearest one where it could."""
+def _blocked(status: Status, cell: Cell, dem: Dem, planner: Planner, ground: Ground) -> str:
+    """Why no path begins or ends on a cell, and the nearest one around where it could."""
     end = f"{status.partition('_')[0].lower()} {cell} is impassable"
-    at = (cell[0] - near.origin[0], cell[1] - near.origin[1])
-    top, left = near.origin
-    if near.poses is None:
-        if near.cost[at] < 1.0:
-            return f"{end}: {near.stance.why_blocked(cell)}"
-        sides = (near.place.cell_size_m, near.place.cell_width_m)
-        reason = why_impassable(near.place.elevation, at, sides, near.limits)
-        passable = near.cost < 1.0
+    row, col, rows, cols = part = widened((*cell, 1, 1), (_AROUND, _AROUND), dem.shape)
+    at = (cell[0] - row, cell[1] - col)
+    robot = planner.state.grid.robot
+    reason = robot.stance.why_blocked(cell)
+    poses = robot.moves.poses
+    if poses is None:
+        heights = dem.elevation[slices(part)]
+        layers = {name: each[slices(part)] for name, each in ground.layers.items()}
+        passable = replace(ground, elevation=heights, layers=layers).costs() < 1.0
+        if passable[at]:
+            return f"{end}: {reason}"
+        reason = why_impassable(heights, at, ground.sides_m, ground.limits)
         where = "passable cell"
     else:
-        reason = near.stance.why_blocked(cell)
-        top = max(cell[0] - _LOOKED_AROUND, 0)
-        rows = range(top, min(cell[0] + _LOOKED_AROUND + 1, near.place.shape[0]))
-        passable = np.any(near.poses.standing(rows) < FAILS, axis=0)
+        stands = np.any(poses.standing(range(row, row + rows)) < FAILS, axis=0)
+        passable = stands[:, col : col + cols]
         where = "cell where it can stand"
     if not passable.any():
         return f"{end}: {reason}; so is all around it"
-    row, col = nearest(passable, (cell[0] - top, cell[1] - left))
-    return f"{end}: {reason}; the nearest {where} is {(row + top, col + left)}"
+    down, across = nearest(passable, at)
+    return f"{end}: {reason}; the nearest {where} is {(row + down, col + across)}"

@@ -15,6 +15,7 @@ import tomllib
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import MISSING, fields, is_dataclass
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, get_args, is_typeddict
 
@@ -30,7 +31,6 @@ LARGEST = 1e9
 LARGEST_SIDE = 1 << 15
 """Cells along a side of a map that is made or cut out."""
 SAMPLE = "sample:"
-_Words = dict[str, Any]
 
 
 def command(
@@ -39,93 +39,77 @@ def command(
     """Make a command of a function."""
 
     def make(function: Callable[..., None]) -> click.Command:
-        groups: dict[str, tuple[type, list[str]]] = {}
-        arguments = list[str]()
-        params = list[click.Parameter]()
-        for each in inspect.signature(function).parameters.values():
-            if is_typeddict(each.annotation) or is_dataclass(each.annotation):
-                options = list(_options_of(each.annotation))
-                groups[each.name] = each.annotation, [str(option.name) for option in options]
-                params += options
-            elif each.kind is each.POSITIONAL_ONLY:
-                arguments.append(each.name)
-                words = _words(each.annotation, each.default)
-                words.pop("default", None)
-                params.append(click.Argument([each.name], **words))
-            else:
-                params.append(_option(each.name, each.annotation, each.default))
+        signature = inspect.signature(function)
+        params = {each.name: _params(each) for each in signature.parameters.values()}
 
         def call(**given: object) -> None:
-            for name, (group, keys) in groups.items():
-                values = {key: given.pop(key) for key in keys}
-                if is_typeddict(group):
-                    values = {key: value for key, value in values.items() if value is not None}
-                given[name] = group(**values)
-            function(*[given.pop(name) for name in arguments], **given)
+            taken: dict[str, object] = {}
+            for each in signature.parameters.values():
+                values = {str(own.name): given[str(own.name)] for own in params[each.name]}
+                known = {name: value for name, value in values.items() if value is not None}
+                group = each.annotation
+                taken[each.name] = group(**known) if _is_group(group) else values[each.name]
+            bound = inspect.BoundArguments(signature, taken)
+            function(*bound.args, **bound.kwargs)
 
-        return kind(name, callback=call, params=params, help=inspect.getdoc(function), **more)
+        all_params = list(chain(*params.values()))
+        return kind(name, callback=call, params=all_params, help=inspect.getdoc(function), **more)
 
     return make
 
 
-def _options_of(group: type) -> Iterator[click.Option]:
-    """The options of a group: the fields of a dataclass, or what a `TypedDict` explains."""
+def _is_group(kind: object) -> bool:
+    return is_typeddict(kind) or is_dataclass(kind)
+
+
+def _params(given: inspect.Parameter) -> list[click.Parameter]:
+    """Of one of a function's parameters: of a group those of its fields that are explained."""
+    group = given.annotation
+    rows = [(given.name, group, given.default)]
     if is_dataclass(group):
-        for field in fields(group):
-            yield _option(field.name, field.type, field.default)
-        return
-    for name, annotation in group.__annotations__.items():
-        explained = _explained(annotation)
-        if hasattr(explained, "__metadata__"):
-            word = re.sub("_(s|m|deg)$", "", name).replace("_", "-")  # a unit ends a key's name
-            negated = f"/--no-{word}" if get_args(explained)[0] is bool else ""
-            words = _words(explained, None)
-            words |= {"default": None, "show_default": False}
-            yield click.Option([f"--{word}{negated}", name], **words)
+        rows = [(field.name, field.type, field.default) for field in fields(group)]
+    elif is_typeddict(group):
+        hints = group.__annotations__.items()
+        rows = [(name, hint, None) for name, hint in hints if "Annotated" in str(hint)]
+    make = click.Argument if given.kind is given.POSITIONAL_ONLY else click.Option
+    return [_param(make, *row) for row in rows]
 
 
-def _explained(annotation: object) -> object:
-    """The annotated type; of one that may be None, the other."""
-    inner = [each for each in get_args(annotation) if hasattr(each, "__metadata__")]
-    return inner[0] if inner else annotation
-
-
-def _option(name: str, annotation: object, default: object) -> click.Option:
-    annotation = _explained(annotation)
-    names = [
-        each for each in get_args(annotation)[1:] if isinstance(each, str) and each.startswith("-")
-    ]
-    if not any(each.startswith("--") for each in names):
-        names.append(f"--{name.replace('_', '-')}")
-    return click.Option([*names, name], **_words(annotation, default))
-
-
-def _words(annotation: object, default: object) -> _Words:
-    """The words for click that an annotation says, but for names."""
-    annotated = hasattr(annotation, "__metadata__")
-    python_type, *said = get_args(annotation) if annotated else (annotation,)
-    words: _Words = {"default": default}
-    if default is None or default in (MISSING, inspect.Parameter.empty):
-        words = {"required": default is not None}
+def _param(
+    make: type[click.Option | click.Argument], name: str, annotation: object, default: object
+) -> click.Parameter:
+    found = [each for each in (annotation, *get_args(annotation)) if hasattr(each, "__metadata__")]
+    python_type, *said = get_args(found[0]) if found else (annotation,)
+    required = default in (MISSING, inspect.Parameter.empty)
+    words: dict[str, Any] = {"required": required, "type": _KINDS.get(python_type)}
+    if make is click.Option and not required:
+        words["default"] = default
+    word = "--" + re.sub("_(s|m|deg)$", "", name).replace("_", "-")  # a unit ends a key's name
     if python_type is bool:
         words["is_flag"] = True
-    elif python_type in _KINDS:
-        words["type"] = _KINDS[python_type]
+        word += word.replace("--", "/--no-") if default is None else ""
+    names = [each for each in said if isinstance(each, str) and each.startswith("-")]
     for each in said:
-        if isinstance(each, dict):
+        if isinstance(each, Meta):
+            words |= _of_meta(each)
+        elif isinstance(each, dict):
             words |= each
-        elif isinstance(each, Meta):
-            if each.description:
-                words["help"] = each.description
-            if each.extra:
-                words["type"] = click.Choice(list(each.extra["choices"]))
-            elif each.ge is not None or each.gt is not None:
-                least = each.gt if each.ge is None else each.ge
-                words["type"] = Real(least, each.le or LARGEST, min_open=each.ge is None)
         elif not isinstance(each, str):
             words["type"] = each
-        elif not each.startswith("-"):
+        elif each not in names:
             words["help"] = each
+    if make is click.Option and not any(each.startswith("--") for each in names):
+        names.append(word)
+    return make([*names, name], **words)
+
+
+def _of_meta(said: Meta) -> dict[str, object]:
+    """What a type of `runtime.options` says of its option."""
+    words: dict[str, object] = {"help": said.description} if said.description else {}
+    if said.extra:
+        words["type"] = click.Choice(list(said.extra["choices"]))
+    elif (least := said.gt if said.ge is None else said.ge) is not None:
+        words["type"] = Real(least, said.le or LARGEST, min_open=said.ge is None)
     return words
 
 

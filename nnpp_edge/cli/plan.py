@@ -14,10 +14,6 @@ from nnpp_edge.cli.text import tell
 from nnpp_edge.runtime.compiled.notice import told_if_slow
 from nnpp_edge.runtime.options import PlanOptions, StepOptions
 
-_OUTPUT = (
-    "Folder for path.geojson, path.csv, plan.png and plan.json; other files that an earlier plan "
-    "wrote there are removed."
-)
 _FILES = ("path.geojson", "path.csv", "plan.png", "plan.json")
 _BYTES_PER_CELL = 24
 """At the peak of planning on a whole map: 19 to 23 measured, the most by `nnpp`
@@ -34,7 +30,15 @@ def command(
     steps: StepOptions,
     robot: GroundOptions,
     model: options.Model = "edge",
-    output: Annotated[Path | None, "-o", options.PATH, _OUTPUT] = None,
+    output: Annotated[
+        Path | None,
+        "-o",
+        options.PATH,
+        (
+            "Folder for path.geojson, path.csv, plan.png and plan.json; other files that an "
+            "earlier plan wrote there are removed."
+        ),
+    ] = None,
     memory: options.Memory = None,
     as_json: options.AsJson = False,
 ) -> None:
@@ -68,7 +72,7 @@ def command(
 
     with told_if_slow("loading the package"):
         from nnpp_edge.cli.maps import reads_by_windows
-        from nnpp_edge.cli.planning import plan_by_windows, plan_in_memory
+        from nnpp_edge.cli.planning import plan_on
         from nnpp_edge.runtime.memory import DIRECTED_BYTES_PER_CELL
 
     directed = robot.step_cost != "paper"
@@ -77,12 +81,10 @@ def command(
         _BYTES_PER_CELL + (body.bytes_per_cell if body else 0) + DIRECTED_BYTES_PER_CELL * directed
     )
     whole = directed or body is not None or any(name in FIGURES for name in request.formats)
-    if request.crop is None and reads_by_windows(dem, memory, per_cell, whole=whole):
-        answer = plan_by_windows(request, query, steps, dem, robot)
-    else:
-        answer = plan_in_memory(
-            request, query, steps, dem, robot, model=model, drawn=output is not None
-        )
+    large = request.crop is None and reads_by_windows(dem, memory, per_cell, whole=whole)
+    answer = plan_on(
+        request, query, steps, dem, robot, model=model, drawn=output is not None, large=large
+    )
     answer.warn_if_close()
     if model != "edge" and answer.plan.method != "nnpp":
         warnings.warn(

@@ -3,29 +3,27 @@
 import json
 import math
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-from math import isfinite, nan
+from itertools import pairwise
+from math import isfinite
 from pathlib import Path
 
 from nnpp_edge.cli.maps import size_in_words, size_of
-from nnpp_edge.cli.text import Row, aligned, columns, duration, table, work
+from nnpp_edge.cli.text import Row, aligned, columns, table
 from nnpp_edge.files import write_all
 from nnpp_edge.runtime import Plan, Vehicle
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.planners.tour import Tour
 from nnpp_edge.runtime.robots.slope.cost import unit_of
+from nnpp_edge.terrain.facts import Fact, lines_of, plan_facts, values_of
 from nnpp_edge.terrain.route import Facts, Leg, Route
 from nnpp_edge.terrain.styles import LINE_STYLE
 from nnpp_edge.viz.picture import Reached, png_bytes
-from nnpp_edge.viz.sheet import Picture, metres
+from nnpp_edge.viz.sheet import Picture
 
-_PROPERTIES = ("status", "method", "source", "cost")
-"""Figures that path.geojson repeats, beside those along the way."""
 _CLOSE = 0.1
 """Share of a body's limit below which what is left of it is warned of."""
-_ANGLES = (("pitched", "pitch"), ("rolled", "roll"), ("tilted", "tilt"))
-_OF_LEGS = (*_PROPERTIES, "length_m", "time_s", "energy_j", "climb_m", "descent_m")
 _COMPARED = columns(
     "method | source | status | cost: cost .6g | gap: gap z.2% | ms: time_ms .2f | speed-up: "
     "speedup .2f | expansions"
@@ -38,13 +36,11 @@ class Answer:
 
     plan: Plan
     route: Route
-    start: Cell
-    goal: Cell
     picture: Callable[[], Picture]
     figure: Callable[[Sequence[tuple[str, Cell]], str], bytes]
     """Makes the figure for a paper, of the stops with their names, of a kind such as ``.pdf``."""
-    names: Sequence[str]
-    """Of the stops, from start to goal."""
+    stops: Sequence[tuple[str, Cell]]
+    """Start, the places between in the order of visits, and goal, with their names."""
     goals: Sequence[tuple[Cell, Plan]] = ()
     """Where several goals were given: each with its plan, the nearest first."""
     compared: Sequence[Row] = ()
@@ -74,8 +70,8 @@ class Answer:
         """Warn of a body that comes close to one of its limits, and of steps that are steeper than
         the limit on the ground around a cell.
         """
-        margin = self.route.worst.get("least_margin")
-        if margin is not None and margin < _CLOSE:
+        margin = values_of(self.route.facts).get("least_margin")
+        if isinstance(margin, float) and margin < _CLOSE:
             row, col = self.route.along.points[self.route.standing["margin"].argmin()].tolist()
             warnings.warn(
                 f"the body comes within {100.0 * margin:.1f} % of one of its limits, at cell "
@@ -90,37 +86,41 @@ class Answer:
                 stacklevel=2,
             )
 
+    @property
+    def facts(self) -> list[Fact]:
+        """What is known of the path, for all outputs."""
+        more = self.route.facts
+        if self.vehicle is not None:
+            stands = "vehicle: {} poses checked" if "tilt_deg" in self.route.standing else ""
+            more.append(Fact("checks", self.plan.checks, "", stands))
+        return plan_facts(self.plan, more, unit_of(self.step_cost), self._optimality())
+
     def figures(self, files: list[str]) -> dict[str, object]:
+        """All that programs are told."""
         plan = self.plan
         steps = self.steep_steps
-        along = plan.along
-        tour = self.tour
         figures: dict[str, object] = {
             **plan.summary(),
-            **self.route.worst,
+            **values_of(self.facts),
             "loading_included": self.loading_included,
-            "start": self.start,
-            "goal": self.goal,
+            "start": self.stops[0][1],
+            "goal": self.stops[-1][1],
             **size_of(self.route.dem),
         }
         if isfinite(self.hard_slope_deg):
             steepest = round(max(steps), 4) if steps else None
             figures["steps_above_hard_slope"] = {"count": len(steps), "steepest_deg": steepest}
-        if along is not None and along.mobility.energy is not None:
-            figures["gravity_m_s2"] = along.mobility.energy.gravity_m_s2
-        if tour:
+        if plan.along is not None and plan.along.mobility.energy is not None:
+            figures["gravity_m_s2"] = plan.along.mobility.energy.gravity_m_s2
+        if tour := self.tour:
             figures["via"] = {
                 "stops": tour.stops,
                 "order": [each + 1 for each in tour.order],
                 "given_cost": round(tour.given_cost, 6) if isfinite(tour.given_cost) else None,
-                "legs": [{name: leg.summary()[name] for name in _OF_LEGS} for leg in tour.legs],
+                "legs": [values_of(plan_facts(leg)) for leg in tour.legs],
             }
         if self.vehicle is not None:
-            figures |= {
-                "vehicle": asdict(self.vehicle),
-                "checks": plan.checks,
-                "waypoints": self.route.stands(),
-            }
+            figures |= {"vehicle": asdict(self.vehicle), "waypoints": self.route.stands()}
         if plan.waypoints is not None:
             figures["line"] = {
                 "row_col": plan.waypoints.round(4).tolist(),
@@ -132,7 +132,7 @@ class Answer:
             "step_cost": None if self.step_cost == "paper" else self.step_cost,
             "compare": self.compared,
             "goals": [
-                {"goal": goal} | {name: told[name] for name in ("status", "cost")}
+                {"goal": goal, "status": told["status"], "cost": told["cost"]}
                 for goal, told in goals
             ],
             "files": files,
@@ -144,85 +144,37 @@ class Answer:
             figures["closest_cell"] = self.ended.closest
         return figures
 
-    def properties(self) -> dict[str, object]:
-        """Figures that the path carries in files for maps."""
-        figures = self.figures([])
-        line = () if self.plan.waypoints is None else ("line_cost", "sharpest_curvature_per_m")
-        return {
-            name: figures[name]
-            for name in (*_PROPERTIES, *line, *self.plan.numbers._fields, *self.route.worst)
-        }
-
     def text(self, files: list[str]) -> str:
-        lines = aligned(dict(self._lines(files)))
-        return f"{lines}\n{table(self.compared, _COMPARED)}" if self.compared else lines
-
-    def _lines(self, files: list[str]) -> Iterator[tuple[str, str]]:
+        """All that people are told."""
         plan = self.plan
-        length = metres(self.route.length_m)
         why = plan.choice if plan.ok else plan.reason
         found = f"{plan.method} ({plan.source})"
-        yield str(plan.status), f"{found}: {why}" if why else found
-        yield "map", size_in_words(self.route.dem)
-        if self.tour:
-            yield "via", self._order(self.tour)
-        ends = [(at, f"{it.cost:.6g}" if it.ok else it.status) for at, it in self.goals]
-        yield "goals", ", ".join(f"{at} {words}" for at, words in ends)
-        if plan.ok:
-            yield "path", f"{len(plan.path)} cells, {length}"
-            yield from self.on_the_ground().items()
-            cost = f"{plan.cost:.6g} {unit_of(self.step_cost)}".rstrip()
-            yield "cost", f"{cost}, {self._optimality()}"
-            if plan.waypoints is not None:
-                turns = _sharpest("sharpest turn", plan.curvatures)
-                count = len(plan.waypoints)
-                yield "line", f"{count} way points, line integral {plan.line_cost:.6g}{turns}"
-            if plan.arcs:
-                back = sum(arc.length_m for arc in plan.arcs if arc.gear < 0)
-                turns = _sharpest("sharpest", [abs(arc.curvature_per_m) for arc in plan.arcs])
-                yield "arcs", f"{len(plan.arcs)} pieces{turns}, {metres(back)} of them backwards"
-            yield "CC", f"{plan.traverse_cost:.6g}"
-        elif len(plan.path):
-            yield "path", f"{len(plan.path)} cells so far, {length}"
-        if self.ended is not None:
-            limit = f"; cells steeper than {self.hard_slope_deg:g}° are impassable"
-            limited = limit if isfinite(self.hard_slope_deg) else ""
-            begun = self.ended.begun
-            other = "goal" if begun == "start" else "start"
-            reached = f"{self.ended.cells.sum()} cells of the map, from the {begun}"
-            closest = f"{self.ended.closest} is the closest to the {other}"
-            yield "reached", f"{reached}; {closest}{limited}"
-        if self.vehicle is not None and plan.ok and "tilt_deg" in self.route.standing:
-            worst = self.route.worst
-            angles = [
-                f"{word} by at most {worst[f'steepest_{name}_deg'] or nan:.1f}°"
-                for word, name in _ANGLES
-            ]
-            clear = "no clearance known"
-            if (clearance := worst["least_clearance_m"]) is not None:
-                clear = f"clear by at least {clearance:.2f} m"
-            yield "vehicle", f"{', '.join(angles)}, {clear}, {plan.checks} poses checked"
-        yield "expansions", str(plan.expansions)
+        ends = [f"{at} {f'{it.cost:.6g}' if it.ok else it.status}" for at, it in self.goals]
         stages = [f"{name} {ms:.2f}" for name, ms in plan.timings_ms.items() if name != "total"]
         loading = ", loading included" if self.loading_included else ""
-        yield "time", f"{plan.timings_ms['total']:.2f} ms{loading} ({', '.join(stages)})"
-        yield "written", ", ".join(files)
-
-    def on_the_ground(self) -> dict[str, str]:
-        """Figures of the way where its heights are known."""
-        numbers = self.plan.numbers
-        along = self.plan.along
-        if along is None or not isfinite(numbers.climb_m):
-            return {}
-        way = [f"{duration(numbers.time_s)} {along.time_by}"] if along.time_by else []
-        if (model := along.mobility.energy) is not None:
-            way.append(f"{work(numbers.energy_j)} at {model.gravity_m_s2:.3g} m/s²")
-        return {
-            "ground": f"{metres(numbers.ground_length_m)} long, {metres(numbers.climb_m)} up and "
-            f"{metres(numbers.descent_m)} down, at most {numbers.steepest_up_deg:.1f}° up and "
-            f"{numbers.steepest_down_deg:.1f}° down",
-            "way": ", ".join(way),
+        lines = {
+            str(plan.status): f"{found}: {why}" if why else found,
+            "map": size_in_words(self.route.dem),
+            "via": self._order(self.tour) if self.tour else "",
+            "goals": ", ".join(ends),
+            **lines_of(self.facts),
+            "reached": self._reached(),
+            "time": f"{plan.timings_ms['total']:.2f} ms{loading} ({', '.join(stages)})",
+            "written": ", ".join(files),
         }
+        told = aligned(lines)
+        return f"{told}\n{table(self.compared, _COMPARED)}" if self.compared else told
+
+    def _reached(self) -> str:
+        """How far a search came that found no path."""
+        if self.ended is None:
+            return ""
+        begun = self.ended.begun
+        other = "goal" if begun == "start" else "start"
+        reached = f"{self.ended.cells.sum()} cells of the map, from the {begun}"
+        closest = f"{self.ended.closest} is the closest to the {other}"
+        limit = f"; cells steeper than {self.hard_slope_deg:g}° are impassable"
+        return f"{reached}; {closest}{limit if isfinite(self.hard_slope_deg) else ''}"
 
     def _order(self, tour: Tour) -> str:
         """In which order the places between are visited, and what that saves."""
@@ -245,16 +197,6 @@ class Answer:
         least = f" (no path costs less than {self.plan.lower_bound:.6g})" if bounded else ""
         return f"{self.plan.optimality}{least}"
 
-    @property
-    def stops(self) -> Sequence[Cell]:
-        """Start, the places between in the order of visits, and goal."""
-        return self.tour.stops if self.tour else (self.start, self.goal)
-
-    @property
-    def named(self) -> list[tuple[str, Cell]]:
-        """The stops with their names."""
-        return list(zip(self.names, self.stops, strict=True))
-
     def save(self, paths: list[Path], older: list[Path]) -> list[str]:
         """Write all files in place of the older ones, or none; their names."""
         files = [str(path) for path in paths]
@@ -265,35 +207,29 @@ class Answer:
         """The path, its stops and its legs."""
         roles = ["start", *["via"] * (len(self.stops) - 2), "goal"]
         stations: list[tuple[Cell, Facts]] = []
-        for (name, (row, col)), role in zip(self.named, roles, strict=True):
+        for (name, (row, col)), role in zip(self.stops, roles, strict=True):
             stations.append(((row, col), {"name": name, "role": role, "row": row, "col": col}))
         legs: list[Leg] = []
-        for number, leg in enumerate(self.tour.legs if self.tour else (self.plan,), 1):
-            begin, end = self.names[number - 1 : number + 1]
-            told = leg.summary()
-            facts = {"leg": number, "from": begin, "to": end}
+        ends = pairwise(name for name, _ in self.stops)
+        plans = self.tour.legs if self.tour else (self.plan,)
+        for number, (leg, (begin, end)) in enumerate(zip(plans, ends, strict=False), 1):
+            facts = {"leg": number, "from": begin, "to": end} | values_of(plan_facts(leg))
             if leg.along is not None and len(leg.path) > 1:
-                legs.append((leg.along, facts | {name: told[name] for name in _OF_LEGS}))
-        return self.route.geopackage(self.properties(), stations, legs)
+                legs.append((leg.along, facts))
+        return self.route.geopackage(values_of(self.facts), stations, legs)
 
     def _content(self, path: Path, files: list[str]) -> bytes:
         """The content of a file, by its name."""
         route = self.route
         makers: dict[str, Callable[[], bytes]] = {
-            "path.geojson": lambda: route.geojson(self.properties()),
+            "path.geojson": lambda: route.geojson(values_of(self.facts)),
             "path.csv": route.csv,
             "plan.json": lambda: json.dumps(self.figures(files), indent=1).encode(),
             "plan.png": lambda: png_bytes(self.picture()),
             "path.gpkg": self._geopackage,
             "path.qml": lambda: LINE_STYLE.encode(),
-            "path.gpx": lambda: route.gpx("nnpp-edge plan", self.named),
+            "path.gpx": lambda: route.gpx("nnpp-edge plan", self.stops),
         }
         if path.stem == "figure":
-            return self.figure(self.named, path.suffix)
+            return self.figure(self.stops, path.suffix)
         return makers[path.name]()
-
-
-def _sharpest(what: str, curvatures_per_m: Iterable[float]) -> str:
-    """The least radius among turns, for a line on them; empty without one."""
-    sharpest = max(curvatures_per_m, default=0.0)
-    return f", {what} of {1.0 / sharpest:.3g} m radius" if sharpest > 0.0 else ""

@@ -1,11 +1,10 @@
-"""Planning for `nnpp-edge plan`, on maps in memory and on larger ones."""
+"""Planning for `nnpp-edge plan`, on maps in memory and on larger ones, which lie in files."""
 
 import math
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from statistics import median
 
@@ -13,9 +12,8 @@ import numpy as np
 
 from nnpp_edge.cli.ground_options import GroundOptions, TerrainOptions
 from nnpp_edge.cli.maps import (
-    Near,
     chart_of,
-    cost_of,
+    filed,
     refuse,
     refuse_map,
     refuse_outside,
@@ -24,32 +22,27 @@ from nnpp_edge.cli.maps import (
 from nnpp_edge.cli.plan_answer import Answer
 from nnpp_edge.cli.requests import PlanRequest
 from nnpp_edge.cli.text import Row
-from nnpp_edge.progress import bar
-from nnpp_edge.runtime import Ground, Method, Plan, Planner, Traversability, exercises
-from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Cell, Rectangle, holding, nearest, slices, widened
+from nnpp_edge.runtime import Ground, Method, Plan, Planner, Vehicle, exercises
+from nnpp_edge.runtime.cells import Cell, holding, nearest, widened
 from nnpp_edge.runtime.compiled.notice import told_if_slow
 from nnpp_edge.runtime.errors import InvalidQueryError, TerrainError
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.along import Along
-from nnpp_edge.runtime.memory import filed_zeros
 from nnpp_edge.runtime.network import loading
 from nnpp_edge.runtime.options import PlanOptions, StepOptions
 from nnpp_edge.runtime.planners.query import problem_with
 from nnpp_edge.runtime.planners.tour import Tour
 from nnpp_edge.runtime.tuning import LARGE_MAP
 from nnpp_edge.terrain.coordinates import lonlat_of
-from nnpp_edge.terrain.dem import Dem, DemWindows, part_of
+from nnpp_edge.terrain.dem import Dem, DemWindows, open_dem, part_of
 from nnpp_edge.terrain.georeference import Place
-from nnpp_edge.terrain.route import Route, places_of, standing_along
+from nnpp_edge.terrain.route import Route, places_of
 from nnpp_edge.viz.picture import Chart, Reached, body_outlines, plan_picture, refused_on
 from nnpp_edge.viz.sheet import Picture
 
 _REPEATS = 3
 """Plans by each method that --compare takes the median time of."""
 _COMPARED = ("method", "source", "status", "cost", "length", "expansions")
-_AROUND = 64
-"""Cells around a blocked start or goal in which a passable one is looked for."""
 
 
 def _ends(request: PlanRequest, place: Place) -> "Ends":
@@ -75,25 +68,29 @@ def _ends(request: PlanRequest, place: Place) -> "Ends":
 Ends = tuple[Cell, list[Cell], list[Cell]]
 
 
-def _read(request: PlanRequest, path: Path, robot: GroundOptions) -> tuple[Dem, Ends]:
+def _read(request: PlanRequest, path: Path, robot: GroundOptions, large: bool) -> tuple[Dem, Ends]:
     """The map, or of it what lies around the ends, and these on it."""
-    if request.crop is None:
+    if request.crop is None and not large:
         dem = robot.read(path)
         return dem, _ends(request, dem)
     with ExitStack() as stack:
         whole: Dem | DemWindows
         try:
-            whole = stack.enter_context(robot.open(path))
+            whole = stack.enter_context(open_dem(path, robot.cell_size))
         except TerrainError:  # of a format that is read as a whole
+            if large:
+                raise
             whole = TerrainOptions.read(robot, path)
-        start, via, goals = _ends(request, whole)
+        start, via, goals = ends = _ends(request, whole)
+        if large and isinstance(whole, DemWindows):
+            return filed(whole), ends
         around = holding(np.clip([start, *via, *goals], 0, np.subtract(whole.shape, 1)))
         sides = (whole.cell_size_m, whole.cell_width_m)
-        up, left = (math.ceil(min(request.crop / side, 1e9)) for side in sides)
-        part = widened(around, (up, left), whole.shape)
+        crop = request.crop or 0.0
+        up, left = (math.ceil(min(crop / side, 1e9)) for side in sides)
+        row, col, rows, cols = part = widened(around, (up, left), whole.shape)
         cut = part_of(whole, part)
     dem = robot.made_finer(cut, "part")
-    row, col, rows, cols = part
     warnings.warn(
         f"cut out {rows} × {cols} cells: cell (row, col) of the file is now (row - {row}, "
         f"col - {col}); xy:X,Y is the same place on both maps",
@@ -106,7 +103,7 @@ def _read(request: PlanRequest, path: Path, robot: GroundOptions) -> tuple[Dem, 
     return dem, (moved([start])[0], moved(via), moved(goals))
 
 
-def plan_in_memory(
+def plan_on(
     request: PlanRequest,
     query: PlanOptions,
     steps: StepOptions,
@@ -115,36 +112,39 @@ def plan_in_memory(
     *,
     model: str,
     drawn: bool,
+    large: bool,
 ) -> Answer:
-    """Plan on a map that is read into memory: to the nearest goal, or by way of other places."""
+    """Plan on a map: to the nearest goal, or by way of other places. The heights and costs of a
+    `large` one lie in temporary files, and only the corridor method plans on it.
+    """
+    method = query.pop("method", Method.AUTO)
+    if large:
+        _check_large(request, query, robot, method)
+        method = Method.CORRIDOR
     hint = "" if request.crop else " (--crop METRES reads only the map around the ends)"
     with told_if_slow(f"reading {path}{hint}"):
-        dem, (start, via, goals) = _read(request, path, robot)
-    method = query.pop("method", Method.AUTO)
+        dem, (start, via, goals) = _read(request, path, robot, large)
     may_ask = method == "nnpp" or (method == "auto" and max(dem.shape) >= LARGE_MAP)
     if may_ask and robot.posed is None:
         loading.begin_loading(model)
     warn_if_not_square(dem)
     with told_if_slow("costs of the map"):
         ground = robot.of(dem)
-        limits = ground.limits
-        cost = ground.costs(warn=True)
-    if not (cost < 1.0).any():
-        refuse_map(dem)
-    body = ground.vehicle
-    planner_of = partial(Planner, **steps)
-    planner = planner_of(ground.priced(cost), model=model)
-    near = Near.of(dem, ground, cost, planner)
-    if len(goals) == 1 and (problem := problem_with(planner.state.grid, start, goals[0])):
-        refuse(problem, start, goals[0], near)
+        cost = None if large else ground.costs(warn=True)
+        if cost is not None and not (cost < 1.0).any():
+            refuse_map(dem)
+    planner = Planner(ground if cost is None else ground.priced(cost), model=model, **steps)
+    grid = planner.state.grid
+    if len(goals) == 1 and (problem := problem_with(grid, start, goals[0])):
+        refuse(problem, start, goals[0], dem, planner, ground)
     if "time_limit_s" in query:  # loading would use it up
         exercises.exercise()
-    wanted: PlanOptions = {**query, "method": method, "keep_regions": drawn}
+    wanted: PlanOptions = {**query, "method": method, "keep_regions": drawn and not large}
     with told_if_slow("planning"):
         tour, ranked = _plans(planner, request, (start, via, goals), wanted)
     goal, plan = ranked[0]
     if plan.source is None:  # no search was made
-        refuse(plan.status, start, goal, near)
+        refuse(plan.status, start, goal, dem, planner, ground)
     compared = list[Row]()
     exact = None
     if request.compare:
@@ -159,38 +159,37 @@ def plan_in_memory(
             plan, compared, exact = _compare(by, plan)
     with told_if_slow("measuring the path"):
         plan = _on_the_ground(plan, ground)
-        route = _route(plan, cost, dem, ground, planner)
-    names = _names(request, dem, tour)
+        costs = grid.inner(grid.weights) if cost is None else cost
+        route = Route.of_plan(plan, costs, dem, grid.robot.moves.poses)
+        if cost is None:
+            route = replace(route, cost=route.cost / np.float32(grid.model.scale or 1.0))
+    stops = tour.stops if tour else (start, goal)
     ended = None
-    if plan.status == "NO_PATH" and len(goals) == 1 and not tour and "refine" not in query:
+    unfound = plan.status == "NO_PATH" and len(goals) == 1 and not tour
+    if unfound and not large and "refine" not in query:
         cells, from_start = planner.came_to(start)
         begun, other = ("start", goal) if from_start else ("goal", start)
         ended = Reached(cells, begun, nearest(cells, other))
 
     def picture() -> Picture:
+        if cost is None:
+            return _coarse_picture(dem, planner, plan, stops)
+        body = ground.vehicle
         beside = None
         if body is not None and request.compare and robot.step_cost == "paper":
-            other = Ground(cost)
-            if plan.states is not None:
-                spot = replace(
-                    body,
-                    turning_radius_m=None,
-                    reverse_cost=None,
-                    gear_change_m=0.0,
-                    turns_on_spot=None,
-                )
-                other = replace(ground, vehicle=spot)
-            beside = planner_of(other).plan(start, goal, method="astar").path
+            other = Ground(cost) if plan.states is None else replace(ground, vehicle=_spot(body))
+            beside = Planner(other, **steps).plan(start, goal, method="astar").path
         headings = None if plan.drive is None else plan.drive.poses[:, 2]
+        reference = None
+        if exact and exact.ok and plan.method != exact.method:
+            reference = exact.path if exact.states is None else exact.line
         return plan_picture(
             chart_of(dem, cost),
             plan,
             start=start,
             goal=goal,
-            via=tour.stops[1:-1] if tour else (),
-            reference_path=(exact.path if exact.states is None else exact.line)
-            if exact and exact.ok and plan.method != exact.method
-            else None,
+            via=stops[1:-1],
+            reference_path=reference,
             outlines=body_outlines(plan.line, body, ground.sides_m, headings) if body else (),
             refused=refused_on(planner),
             point_path=beside,
@@ -200,37 +199,30 @@ def plan_in_memory(
     def figure(stops: Sequence[tuple[str, Cell]], kind: str) -> bytes:
         from nnpp_edge.viz.plan_figure import plan_figure
 
-        assert plan.along is not None
+        assert plan.along is not None and cost is not None
         return plan_figure(chart_of(dem, cost), dem, plan.along, stops, kind)
 
     return Answer(
         plan,
         route,
-        start,
-        goal,
         picture,
         figure,
-        names,
-        goals=ranked if len(goals) > 1 else (),
+        list(zip(_names(request, dem, tour), stops, strict=True)),
+        goals=ranked if len(ranked) > 1 else (),
         compared=compared,
         loading_included=not request.compare and "time_limit_s" not in query,
-        vehicle=body,
+        vehicle=ground.vehicle,
         step_cost=robot.step_cost,
         tour=tour and tour.told(lambda leg: _on_the_ground(leg, ground)),
         ended=ended,
-        hard_slope_deg=limits.hard_slope_deg,
+        hard_slope_deg=ground.limits.hard_slope_deg,
     )
 
 
-def plan_by_windows(
-    request: PlanRequest,
-    query: PlanOptions,
-    steps: StepOptions,
-    path: Path,
-    robot: GroundOptions,
-) -> Answer:
-    """Plan on a map whose heights and costs lie in a temporary file."""
-    method = query.get("method", Method.AUTO)
+def _check_large(
+    request: PlanRequest, query: PlanOptions, robot: GroundOptions, method: str
+) -> None:
+    """InvalidQueryError for what is not made on a map that does not fit into memory."""
     unfit = {
         f"--method {method}": method in ("astar", "nnpp"),
         "--compare": request.compare,
@@ -241,67 +233,27 @@ def plan_by_windows(
     if wrong := [name for name, asked in unfit.items() if asked]:
         raise InvalidQueryError(
             f"{', '.join(wrong)} needs the whole map in memory: leave it out for the corridor "
-            "method, which reads by "
-            "windows, or cut out a part of the map"
-        )
-    with robot.open(path) as ground:
-        limits = robot.limits(ground)
-        warn_if_not_square(ground)
-        ends = _ends(request, ground)
-        heights = filed_zeros(ground.shape, np.float32)
-        with bar("rows of the map", ground.shape[0]) as advance:
-            for part in _bands(ground):
-                heights[slices(part)] = ground.read(part)
-                advance(part[0] + part[2])
-        dem = Dem(heights, ground.cell_size_m, ground.cell_width_m, ground.georeference, path)
-    known = Ground.of_elevation(
-        heights,
-        dem.cell_size_m,
-        limits,
-        cell_width_m=dem.cell_width_m,
-        mobility=robot.mobility(dem),
-    )
-    planner = Planner(known, **steps)
-    tour, ranked = _plans(planner, request, ends, {**query, "method": "corridor"})
-    start, _, _ = ends
-    goal, plan = ranked[0]
-    names = _names(request, dem, tour)
-    if plan.source is None:  # no search was made
-        end = start if "START" in plan.status else goal
-        refuse(plan.status, start, goal, _around(dem, limits, end))
-    assert plan.along is not None
-    grid = planner.state.grid
-    costs = grid.inner(grid.weights)[tuple(plan.path.T)] / np.float32(grid.model.scale or 1.0)
-    route = Route(plan.path, plan.along, costs, dem)
-
-    def picture() -> Picture:
-        levels = planner.state.pyramid.levels
-        factor = FACTOR ** (len(levels) - 1)
-        coarse = levels[-1].grid
-        cost = np.asarray(coarse.map() / np.float32(coarse.model.scale or 1.0))
-        places = (start, goal, *(tour.stops[1:-1] if tour else ()))
-        first, last, *between = [(row // factor, col // factor) for row, col in places]
-        sides_m = (dem.cell_size_m * factor, dem.cell_width_m * factor)
-        return plan_picture(
-            Chart(cost, None, sides_m, dem.north_deg),
-            replace(plan, path=plan.path // factor),
-            start=first,
-            goal=last,
-            via=between,
+            "method, which reads by windows, or cut out a part of the map"
         )
 
-    return Answer(
-        plan,
-        route,
-        start,
-        goal,
-        picture,
-        lambda stops, kind: b"",
-        names,
-        goals=ranked if len(ranked) > 1 else (),
-        tour=tour,
-        hard_slope_deg=limits.hard_slope_deg,
+
+def _spot(body: Vehicle) -> Vehicle:
+    """The same body, which turns on the spot."""
+    return replace(
+        body, turning_radius_m=None, reverse_cost=None, gear_change_m=0.0, turns_on_spot=None
     )
+
+
+def _coarse_picture(dem: Dem, planner: Planner, plan: Plan, stops: Sequence[Cell]) -> Picture:
+    """The path on the coarsest level of the map."""
+    levels = planner.state.pyramid.levels
+    factor = FACTOR ** (len(levels) - 1)
+    coarse = levels[-1].grid
+    cost = np.asarray(coarse.map() / np.float32(coarse.model.scale or 1.0))
+    start, *via, goal = [(row // factor, col // factor) for row, col in stops]
+    sides_m = (dem.cell_size_m * factor, dem.cell_width_m * factor)
+    chart = Chart(cost, None, sides_m, dem.north_deg)
+    return plan_picture(chart, replace(plan, path=plan.path // factor), start, goal, via=via)
 
 
 def _plans(
@@ -318,21 +270,6 @@ def _plans(
     return None, [(goals[at], plan) for at, plan in found]
 
 
-def _bands(ground: DemWindows) -> Iterator[Rectangle]:
-    """Rows of a map that are stored together."""
-    rows, cols = ground.shape
-    high = max(ground.block[0], 256)
-    return ((row, 0, min(high, rows - row), cols) for row in range(0, rows, high))
-
-
-def _around(dem: Dem, limits: Traversability, cell: Cell) -> Near:
-    """Heights and costs around a cell of the map, or at its border where the cell lies outside."""
-    row, col = np.clip(cell, 0, np.subtract(dem.shape, 1)).tolist()
-    part = widened((row, col, 1, 1), (_AROUND, _AROUND), dem.shape)
-    near = part_of(dem, part)
-    return Near(near, cost_of(near, limits), limits, origin=part[:2])
-
-
 def _on_the_ground(plan: Plan, ground: Ground) -> Plan:
     """The plan with the numbers along its way."""
     assert ground.elevation is not None
@@ -340,15 +277,6 @@ def _on_the_ground(plan: Plan, ground: Ground) -> Plan:
         plan,
         along=Along.of(plan.line, ground.elevation, ground.sides_m, ground.mobility, plan.along),
     )
-
-
-def _route(plan: Plan, cost: Float2D, dem: Dem, ground: Ground, planner: Planner) -> Route:
-    """The route of a plan over known ground, with how a vehicle stands along it."""
-    assert plan.along is not None
-    route = Route.of(plan.line, plan.along, cost, dem)
-    if ground.vehicle is None:
-        return route
-    return replace(route, standing=standing_along(plan, planner.state.grid.robot.moves.poses))
 
 
 def _names(request: PlanRequest, place: Place, tour: Tour | None) -> list[str]:

@@ -25,10 +25,6 @@ _FIT = (
 _LAYERS = columns("layer: name | in: precision | error/behind it: error .1%")
 _WORST = 5
 """Layers that are printed, those with the largest errors; the card has all."""
-_MOST_GAP = (
-    "Percentage points that int8 may add to the mean gap; exit code 1 if it adds more. Without it "
-    "0.3 are advised."
-)
 
 
 @options.command("quantize")
@@ -40,7 +36,14 @@ def command(
     output: Annotated[Path, "-o", options.NEW_FILE, "The int8 ONNX file; its card is beside it."],
     samples: Annotated[int, "Queries to calibrate on."] = 200,
     exclude: Annotated[tuple[str, ...], options.NAMES, "Nodes to leave float, by name."] = (),
-    most_gap: Annotated[float | None, options.NOT_NEGATIVE, _MOST_GAP] = None,
+    most_gap: Annotated[
+        float | None,
+        options.NOT_NEGATIVE,
+        (
+            "Percentage points that int8 may add to the mean gap; exit code 1 if it adds more. "
+            "Without it 0.3 are advised."
+        ),
+    ] = None,
     seed: options.Seed = 1,
     as_json: options.AsJson = False,
 ) -> None:

@@ -4,7 +4,7 @@ import json
 import re
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import click
 
@@ -12,27 +12,25 @@ from nnpp_edge.cli import options
 from nnpp_edge.cli.ground_options import GroundOptions
 from nnpp_edge.cli.outputs import Format, chosen
 from nnpp_edge.cli.requests import Start
-from nnpp_edge.cli.text import aligned, duration, tell, work
+from nnpp_edge.cli.text import aligned, tell
+from nnpp_edge.runtime.compiled.notice import told_if_slow
+from nnpp_edge.runtime.errors import optional_module
 from nnpp_edge.runtime.options import StepOptions
+
+if TYPE_CHECKING:
+    from nnpp_edge.runtime.map.ground import Ground
 
 _FILES = ("reach.tif", "reach.geojson", "reach.png", "reach.json")
 _FORMATS = {"gpkg": Format(("reach.gpkg",), "pyogrio", "vector")}
 _SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0}
 _JOULES = {"J": 1.0, "kJ": 1e3, "MJ": 1e6, "Wh": 3600.0, "kWh": 3.6e6}
-_COST = "The most that a path may cost, in the unit of --step-cost."
+_IN_SECONDS = ("time", "tobler", "irmischer")
+"""Step costs that are times."""
 _TOO_LONG = (
     "in eight directions: one straight between them counts up to 8.2 % too long",
     "in sixteen directions: one straight between them counts up to 2.8 % too long",
 )
 """Of a point, and of a body: 1 over the cosine of half the widest angle between two directions."""
-_TIME = (
-    "The longest time of a path: by --step-cost, else at the vehicle's speeds, else by "
-    "Tobler's function."
-)
-_ENERGY = (
-    "The most energy that a --vehicle may draw, in joules unless a unit is given: 500kJ, "
-    "20MJ, 2kWh."
-)
 
 
 def _amount(units: dict[str, float], word: str) -> float:
@@ -57,9 +55,25 @@ def command(
     /,
     *,
     start: Start,
-    within_cost: Annotated[float | None, _COST] = None,
-    within_time: Annotated[float | None, _DURATION, _TIME] = None,
-    within_energy: Annotated[float | None, _WORK, _ENERGY] = None,
+    within_cost: Annotated[
+        float | None, "The most that a path may cost, in the unit of --step-cost."
+    ] = None,
+    within_time: Annotated[
+        float | None,
+        _DURATION,
+        (
+            "The longest time of a path: by --step-cost, else at the vehicle's speeds, else by "
+            "Tobler's function."
+        ),
+    ] = None,
+    within_energy: Annotated[
+        float | None,
+        _WORK,
+        (
+            "The most energy that a --vehicle may draw, in joules unless a unit is given: 500kJ, "
+            "20MJ, 2kWh."
+        ),
+    ] = None,
     robot: GroundOptions,
     levels: Annotated[int, click.IntRange(1, 24), "Number of areas."] = 4,
     steps: StepOptions,
@@ -88,21 +102,7 @@ def command(
     \b
     nnpp-edge reach dem.tif --start 20,30 --within-time 30min --workload limit20 -o reach
     """
-    from nnpp_edge.runtime.errors import optional_module
-    from nnpp_edge.runtime.robots.slope.cost import unit_of
-
-    given = {"cost": within_cost, "time": within_time, "energy": within_energy}
-    asked = [(name, most) for name, most in given.items() if most is not None]
-    if len(asked) != 1:
-        raise click.UsageError("give one of --within-cost, --within-time and --within-energy")
-    ((measure, most),) = asked
-    in_seconds = unit_of(robot.step_cost) == "s"
-    if measure != "cost" and robot.step_cost != "paper" and not (measure == "time" and in_seconds):
-        raise click.UsageError(
-            f"--within-{measure} counts {measure} already: leave out --step-cost, or give "
-            "--within-cost with it; "
-            "one in seconds goes with --within-time"
-        )
+    measure, most = _limit(robot, cost=within_cost, time=within_time, energy=within_energy)
     if output is not None:
         optional_module("rasterio", "--output", "geo")
     read = [] if start.file is None else [start.file]
@@ -112,11 +112,11 @@ def command(
 
     import numpy as np
 
-    from nnpp_edge.cli.maps import Near, chart_of, refuse, size_in_words, size_of
+    from nnpp_edge.cli.maps import chart_of, refuse, size_in_words, size_of
     from nnpp_edge.files import write_all
     from nnpp_edge.runtime import Planner
-    from nnpp_edge.runtime.compiled.notice import told_if_slow
     from nnpp_edge.runtime.planners.query import problem_with
+    from nnpp_edge.runtime.robots.slope.cost import unit_of
     from nnpp_edge.terrain.rasters import raster_bytes
     from nnpp_edge.terrain.route import Reach
     from nnpp_edge.terrain.vectors import geopackage_bytes
@@ -128,59 +128,78 @@ def command(
     with told_if_slow("costs of the map"):
         ground = robot.of(terrain)
         cost = ground.costs(warn=True)
-    mobility = ground.mobility
-    assert mobility is not None
-    step_cost = "energy" if measure == "energy" else robot.step_cost
-    if measure == "time" and not in_seconds:
-        step_cost = "time" if mobility.time else "tobler"
-        if mobility.time is None and mobility.tobler is None:
-            raise click.UsageError(
-                "nobody walks there: for --within-time give speeds, by --vehicle or --mobility, or "
-                "--step-cost tobler to count a walker's all the same"
-            )
+    step_cost = _step_cost(measure, robot.step_cost, ground)
     ground = replace(ground, step_cost=step_cost)
     planner = Planner(ground.priced(cost), **steps)
     if problem := problem_with(planner.state.grid, cell, cell):
-        refuse(problem, cell, cell, Near.of(terrain, ground, cost, planner))
+        refuse(problem, cell, cell, terrain, planner, ground)
     shares = tuple((most * np.arange(1, levels + 1) / levels).tolist())
     with told_if_slow("searching"):
-        field = planner.reach(cell, most)
-    found = Reach(field, shares, measure, unit_of(step_cost), terrain)
-
-    def words(level: float) -> str:
-        if measure == "cost":
-            return f"within a cost of {level:.6g} {found.unit}".rstrip()
-        return f"within {duration(level) if measure == 'time' else work(level)}"
+        found = Reach(planner.reach(cell, most), shares, measure, unit_of(step_cost), terrain)
 
     files = [str(path) for path in paths]
     figures: dict[str, object] = {"start": cell, "measure": measure, "unit": found.unit}
     figures |= {"areas": found.areas, **size_of(terrain)}
+    within = [_within(measure, level, found.unit) for level in shares]
     if paths:
         figures["files"] = files
-        picture = reach_picture(
-            chart_of(terrain, cost),
-            found.field,
-            [(level, words(level)) for level in found.levels],
-            cell,
-        )
+        bands = list(zip(shares, within, strict=True))
         areas = found.geojson()
         contents = [
             raster_bytes(paths[0], found.raster(), terrain),
             areas,
-            png_bytes(picture),
+            png_bytes(reach_picture(chart_of(terrain, cost), found.field, bands, cell)),
             json.dumps(figures, indent=1).encode(),
+            *([geopackage_bytes({"areas": areas})] if formats else []),
         ]
-        if formats:
-            contents.append(geopackage_bytes({"areas": areas}))
         write_all(dict(zip(paths, contents, strict=True)), older)
     lines: dict[str, object] = {"map": size_in_words(terrain), "start": cell}
     if measure == "time":
-        walker = mobility.model(step_cost)
-        on_foot = f"of a walker, by {walker.function}" if step_cost != "time" else ""
-        lines["speeds"] = on_foot or "of the vehicle"
+        of_vehicle = step_cost == "time"
+        walker = "" if of_vehicle else ground.slope_cost and ground.slope_cost.function
+        lines["speeds"] = "of the vehicle" if of_vehicle else f"of a walker, by {walker}"
     lines["ways"] = _TOO_LONG[ground.body is not None]
-    for level, cells, area in map(dict.values, found.areas):
+    for words, (_, cells, area) in zip(within, map(dict.values, found.areas), strict=True):
         size = f"{area / 1e6:.4g} km²" if area >= 1e5 else f"{area:.0f} m²"
-        share = 100.0 * cells / cost.size
-        lines[words(level)] = f"{cells} cells, {size}, {share:.1f} % of the map"
+        lines[words] = f"{cells} cells, {size}, {100.0 * cells / cost.size:.1f} % of the map"
     tell(as_json, figures, lambda: aligned(lines | {"written": ", ".join(files)}))
+
+
+def _limit(robot: GroundOptions, **given: float | None) -> tuple[str, float]:
+    """What is limited, and to how much; UsageError unless it is one thing that steps can count."""
+    asked = [(name, most) for name, most in given.items() if most is not None]
+    if len(asked) != 1:
+        raise click.UsageError("give one of --within-cost, --within-time and --within-energy")
+    ((measure, most),) = asked
+    in_seconds = robot.step_cost in _IN_SECONDS
+    if measure != "cost" and robot.step_cost != "paper" and not (measure == "time" and in_seconds):
+        raise click.UsageError(
+            f"--within-{measure} counts {measure} already: leave out --step-cost, or give "
+            "--within-cost with it; one in seconds goes with --within-time"
+        )
+    return measure, most
+
+
+def _step_cost(measure: str, given: str, ground: "Ground") -> str:
+    """The step cost by which a measure is counted."""
+    mobility = ground.mobility
+    assert mobility is not None
+    if measure == "energy":
+        return "energy"
+    if measure == "cost" or given in _IN_SECONDS:
+        return given
+    if mobility.time is None and mobility.tobler is None:
+        raise click.UsageError(
+            "nobody walks there: for --within-time give speeds, by --vehicle or --mobility, or "
+            "--step-cost tobler to count a walker's all the same"
+        )
+    return "time" if mobility.time else "tobler"
+
+
+def _within(measure: str, level: float, unit: str) -> str:
+    """A limit in words."""
+    from nnpp_edge.terrain.facts import duration, work
+
+    if measure == "cost":
+        return f"within a cost of {level:.6g} {unit}".rstrip()
+    return f"within {duration(level) if measure == 'time' else work(level)}"

@@ -98,10 +98,6 @@ PLAN_FORMATS = {
     "gpx": Format(("path.gpx",), "pyproj", "geo"),
     **{kind: Format((f"figure.{kind}",), "matplotlib", "viz") for kind in FIGURES},
 }
-_FORMATS = (
-    "Also write path.gpx; path.gpkg with stations and legs, and path.qml for QGIS; or a figure for "
-    "a paper as figure.pdf, figure.svg or figure.png."
-)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,7 +120,14 @@ class PlanRequest:
         "Read and search only the map this many metres around start, goal and via.",
     ] = None
     formats: Annotated[
-        tuple[str, ...], "--format", click.Choice(list(PLAN_FORMATS)), MANY, _FORMATS
+        tuple[str, ...],
+        "--format",
+        click.Choice(list(PLAN_FORMATS)),
+        MANY,
+        (
+            "Also write path.gpx; path.gpkg with stations and legs, and path.qml for QGIS; or a "
+            "figure for a paper as figure.pdf, figure.svg or figure.png."
+        ),
     ] = ()
 
     def __post_init__(self) -> None:

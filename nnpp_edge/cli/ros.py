@@ -8,10 +8,6 @@ import click
 from nnpp_edge.cli import options
 
 _ARGUMENTS = {"nargs": -1, "type": click.UNPROCESSED}
-_ROS = (
-    "What follows are ROS' arguments: -p NAME:=VALUE, --params-file FILE, -r FROM:=TO; "
-    "docs/ros2.md has topics and parameters."
-)
 
 
 @options.command("ros", context_settings={"ignore_unknown_options": True})
@@ -19,7 +15,13 @@ def command(
     arguments: Annotated[tuple[str, ...], _ARGUMENTS] = (),
     /,
     *,
-    ros_args: Annotated[bool, _ROS] = False,
+    ros_args: Annotated[
+        bool,
+        (
+            "What follows are ROS' arguments: -p NAME:=VALUE, --params-file FILE, -r FROM:=TO; "
+            "docs/ros2.md has topics and parameters."
+        ),
+    ] = False,
 ) -> None:
     """Plan at a fixed rate as a ROS 2 node: maps, odometry and goals in, paths out.
 

@@ -12,7 +12,7 @@ import click
 from nnpp_edge.cli import options
 from nnpp_edge.cli.ground_options import GroundOptions, Known
 from nnpp_edge.cli.options import MANY
-from nnpp_edge.cli.text import aligned
+from nnpp_edge.cli.text import aligned, counted, loop_lines
 from nnpp_edge.robot.transports.wiring import STDOUT, Wiring
 from nnpp_edge.runtime.options import StepOptions
 
@@ -20,15 +20,6 @@ if TYPE_CHECKING:
     from nnpp_edge.runtime.loop.messages import Counters
     from nnpp_edge.runtime.map.ground import Ground
 
-_LOOP = (
-    "Set a value of the profile's table [loop], such as cores=[2,3], priority=50, tolerance=0.05, "
-    "approach=true or "
-    "refine=any-angle. May be repeated."
-)
-_MISSES = (
-    "Exit code 1 where more than this share of the deadlines was missed, such as 0.01; a tick that "
-    "takes several periods misses several."
-)
 _SETTING = options.SettingType(
     "nnpp_edge.runtime.loop.settings:OnboardLoop", "tolerance=0.05", bare=True
 )
@@ -49,9 +40,25 @@ def command(
     rate: Annotated[float | None, options.RATE, "Ticks a second; 17 by default."] = None,
     method: Annotated[str | None, "Planner; auto by default."] = None,
     model: options.Model | None = None,
-    loop: Annotated[tuple[options.Setting, ...], _SETTING, MANY, _LOOP] = (),
+    loop: Annotated[
+        tuple[options.Setting, ...],
+        _SETTING,
+        MANY,
+        (
+            "Set a value of the profile's table [loop], such as cores=[2,3], priority=50, "
+            "tolerance=0.05, approach=true or refine=any-angle. May be repeated."
+        ),
+    ] = (),
     ticks: Annotated[int | None, "End after so many."] = None,
-    fail_on_misses: Annotated[float | None, options.SHARE, {"metavar": "SHARE"}, _MISSES] = None,
+    fail_on_misses: Annotated[
+        float | None,
+        options.SHARE,
+        {"metavar": "SHARE"},
+        (
+            "Exit code 1 where more than this share of the deadlines was missed, such as 0.01; a "
+            "tick that takes several periods misses several."
+        ),
+    ] = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Plan at a fixed rate: patches, poses and goals in, paths out.
@@ -117,22 +124,11 @@ def command(
 def summary(counters: "Counters") -> str:
     """The counters for people; what never happened is left out."""
     c = counters
-
-    def counted(counts: dict[str, int]) -> str:
-        return ", ".join(f"{what} {count}" for what, count in counts.items() if count)
-
     odd = {"clipped": c.patches_clipped, "rejected": c.patches_rejected, "merged": c.patches_merged}
     patches = (f"{c.patches} ({c.cells_changed} cells changed)", counted(odd))
-    times = [f"{name} {ms:.2f} ms" for name, ms in (c.tick_ms or {}).items()]
-    late = f"{c.overruns} overruns, {c.skipped} deadlines skipped"
     lines = {
-        "ticks": f"{c.ticks}: {c.planned} planned, {c.kept} kept, {c.failed} without a path",
-        "tick": ", ".join(times),
-        "late": late if c.overruns or c.skipped else "",
-        "degraded": counted(c.degraded),
-        "errors": counted(c.errors),
-        "dropped": counted(c.drops),
-        "lost": counted(c.lost),
+        **loop_lines(c),
+        "tick": ", ".join(f"{name} {ms:.2f} ms" for name, ms in (c.tick_ms or {}).items()),
         "patches": ", ".join(filter(None, patches)) if c.patches else "",
         "memory": f"{c.rss_bytes / 1e6:.0f} MB",
     }

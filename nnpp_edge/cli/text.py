@@ -3,11 +3,14 @@
 import io
 import json
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from nnpp_edge.progress import markdown_table, shown
+
+if TYPE_CHECKING:
+    from nnpp_edge.runtime.loop.messages import Counters
 
 Row = Mapping[str, Any]
 Column = str | Callable[[Row], str]
@@ -76,21 +79,20 @@ def _cell(row: Row, column: Column) -> str:
     return shown(value, form)
 
 
-def duration(seconds: float) -> str:
-    """A time in words."""
-    if seconds < 60.0:
-        return f"{seconds:.3g} s"
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    if hours >= 48:
-        days, hours = divmod(hours, 24)
-        return f"{days} days {hours} h"
-    parts = ((hours, "h"), (minutes, "min"), (0 if hours else rest, "s"))
-    return " ".join(f"{number} {unit}" for number, unit in parts if number)
+def loop_lines(counters: "Counters") -> dict[str, str]:
+    """What a loop did; what never happened is left out."""
+    c = counters
+    late = f"{c.overruns} overruns, {c.skipped} deadlines skipped"
+    return {
+        "ticks": f"{c.ticks}: {c.planned} planned, {c.kept} kept, {c.failed} without a path",
+        "late": late if c.overruns or c.skipped else "",
+        "degraded": counted(c.degraded),
+        "errors": counted(c.errors),
+        "dropped": counted(c.drops),
+        "lost": counted(c.lost),
+    }
 
 
-def work(joules: float) -> str:
-    """An energy in words."""
-    if joules < 1e6:
-        return f"{joules / 1e3:.4g} kJ"
-    return f"{joules / 1e6:.4g} MJ ({joules / 3.6e6:.3g} kWh)"
+def counted(counts: Mapping[str, int]) -> str:
+    """How often each thing happened, without what never did."""
+    return ", ".join(f"{what} {count}" for what, count in counts.items() if count)

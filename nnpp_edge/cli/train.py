@@ -16,22 +16,8 @@ from nnpp_edge.progress import THOUSANDTHS, bar, ignore, shown
 
 _SIDE = click.IntRange(64, options.LARGEST_SIDE)
 _SIGMA = options.Real(0.0, 1.0, min_open=True)
-_TARGET = "Labels: nearness to the optimum, or the best path."
-_STEPS = (
-    "Most steps, if the epochs do not end first; the number that a time limit led to repeats "
-    "that training."
-)
-_TIME_LIMIT = "Minutes, about: the speed of the first 200 steps decides the number of steps."
-_PRECISION = (
-    "Of the convolutions; auto: bfloat16 on a GPU. bfloat16 is twice as fast on a CPU with AMX."
-)
 
 
-_MAKE = (
-    "Make the shards that DATASET lacks meanwhile, by its recipe: a `nnpp-edge dataset` that was "
-    "stopped goes on here."
-)
-_PATIENCE = "End after so many validations in a row that are no better than the best."
 _REGION = "gap {:.2%}, found {:.1%}, {:.1%} of the map, MM {:.3f}"
 
 
@@ -40,15 +26,30 @@ class Settings:
     """Those of `TrainSettings` that have options of their names."""
 
     epochs: int = 150
-    steps: Annotated[int | None, _STEPS] = None
+    steps: Annotated[
+        int | None,
+        (
+            "Most steps, if the epochs do not end first; the number that a time limit led to "
+            "repeats that training."
+        ),
+    ] = None
     batch: Annotated[int, "Over all processes."] = 32
     learning_rate: Annotated[float, options.POSITIVE] = 1e-3
     weight_decay: Annotated[float, options.NOT_NEGATIVE] = 1e-4
-    target: Annotated[str, click.Choice(["near", "path"]), _TARGET] = "near"
+    target: Annotated[
+        str, click.Choice(["near", "path"]), "Labels: nearness to the optimum, or the best path."
+    ] = "near"
     softness: Annotated[float, options.POSITIVE, "Excess at which nearness is 1/e."] = 0.02
     validations: Annotated[int, "Over the training, for curves and best.pt."] = 20
-    patience: Annotated[int | None, _PATIENCE] = None
-    precision: Annotated[str, click.Choice(["auto", "float32", "bfloat16"]), _PRECISION] = "auto"
+    patience: Annotated[
+        int | None, "End after so many validations in a row that are no better than the best."
+    ] = None
+    precision: Annotated[
+        str,
+        click.Choice(["auto", "float32", "bfloat16"]),
+        "Of the convolutions; auto: bfloat16 on a GPU. bfloat16 is twice as fast on a CPU with "
+        "AMX.",
+    ] = "auto"
     seed: options.Seed = 1
 
 
@@ -67,8 +68,17 @@ def command(
     begin_with: Annotated[
         Path | None, options.PATH, "Checkpoint of another run whose weights to begin with."
     ] = None,
-    time_limit: Annotated[float | None, _TIME_LIMIT] = None,
-    make: Annotated[bool, _MAKE] = False,
+    time_limit: Annotated[
+        float | None,
+        "Minutes, about: the speed of the first 200 steps decides the number of steps.",
+    ] = None,
+    make: Annotated[
+        bool,
+        (
+            "Make the shards that DATASET lacks meanwhile, by its recipe: a `nnpp-edge dataset` "
+            "that was stopped goes on here."
+        ),
+    ] = False,
     pause_after: Annotated[float | None, "Minutes; the same command continues."] = None,
     threads: Annotated[int | None, "Of torch on the CPU; by default one a core."] = None,
     as_json: options.AsJson = False,

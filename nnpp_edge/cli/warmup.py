@@ -9,17 +9,18 @@ from nnpp_edge.cli import options
 from nnpp_edge.cli.text import tell
 from nnpp_edge.progress import bar
 
-_JOBS = (
-    "Processes that compile at once, 0.6 to 0.9 GB each; by default one a processor, four at "
-    "most, if there "
-    "is memory."
-)
-
 
 @options.command("warmup")
 def command(
     keep_old: Annotated[bool, "Keep the kernels of other versions of this package."] = False,
-    jobs: Annotated[int | None, click.IntRange(1, 64), _JOBS] = None,
+    jobs: Annotated[
+        int | None,
+        click.IntRange(1, 64),
+        (
+            "Processes that compile at once, 0.6 to 0.9 GB each; by default one a processor, four "
+            "at most, if there is memory."
+        ),
+    ] = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Compile every kernel ahead of the first plan.

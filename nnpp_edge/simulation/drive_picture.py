@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from nnpp_edge.files import write_whole
 from nnpp_edge.runtime.arrays import Float2D, Floats
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.messages import PathMessage
@@ -28,14 +27,18 @@ _FRAME_PIXELS = 480
 _FRAME_MS = 100
 
 
-def check_name(path: Path) -> None:
-    """InvalidQueryError unless the name ends in .png or .gif; ModuleNotFoundError where Pillow is
-    missing.
+def film_of(path: Path | None) -> "Film | None":
+    """A film where the picture is to be a .gif; InvalidQueryError unless it is that or a .png,
+    ModuleNotFoundError where Pillow is missing.
     """
-    if path.suffix.lower() not in (".png", ".gif"):
+    kind = path.suffix.lower() if path else ".png"
+    if path and kind not in (".png", ".gif"):
         raise InvalidQueryError(f"a picture must be a .png or .gif file, got {path.name}")
-    if path.suffix.lower() == ".gif":
-        import PIL  # noqa: F401
+    if kind == ".png":
+        return None
+    import PIL  # noqa: F401
+
+    return Film()
 
 
 def drive_picture(ground: SurveyedGround, drive: DriveOutcome) -> Picture:
@@ -97,13 +100,13 @@ class Film:
                 self._every *= 2
         self._ticks += 1
 
-    def save(self, path: Path) -> None:
-        """Write a GIF, whole or not at all; OutputError if it cannot be written."""
+    def gif(self) -> bytes:
+        """All of it."""
         content = BytesIO()
         first, *rest = self._frames
         kept = {"append_images": rest, "duration": [_FRAME_MS] * len(rest) + [2000], "loop": 0}
         first.save(content, "GIF", save_all=True, optimize=False, **kept)
-        write_whole(path, content.getvalue())
+        return content.getvalue()
 
 
 def _frame(scene: Scene, message: PathMessage) -> Picture:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from nnpp_edge.outcome import gap
 from nnpp_edge.robot.transports.recording import RecordedSource
 from nnpp_edge.runtime import (
     Counters,
@@ -29,6 +30,7 @@ from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.memory import rss_bytes
 from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.simulation.scene import Scene, SimulationSettings, SurveyedGround
+from nnpp_edge.terrain.facts import Fact, values_of
 from nnpp_edge.terrain.labels import random_query
 
 _COUNTED = ("ticks", "planned", "kept", "failed", "degraded", "errors", "drops", "overruns")
@@ -85,29 +87,28 @@ class DriveOutcome:
         """
         if not self.reached:
             return None
-        if self.optimal_cost == 0.0:
-            return 0.0
-        return self.driven_cost / self.optimal_cost - 1.0
+        return gap(self.driven_cost, self.optimal_cost)
 
     @property
-    def cells(self) -> int:
-        """How many it came to, each as often as it did."""
+    def facts(self) -> list[Fact]:
+        """What is known of the way driven, for all outputs."""
         steps = np.diff(np.rint(self.driven), axis=0)
-        return 1 + int(steps.any(1).sum())
+        excess = "" if self.excess is None else f": driven {100.0 * self.excess:+.1f} %"
+        optimum = f"optimum: {{}} with all known and no obstacle{excess}"
+        return [
+            Fact("cells", 1 + int(steps.any(1).sum()), "", "driven: {} cells"),
+            Fact("driven_cost", self.driven_cost, "", "driven: cost {}"),
+            Fact("waited", self.waited, "", "driven: stood still {} times"),
+            Fact("optimal_cost", self.optimal_cost, "", optimum),
+            Fact("excess", self.excess),
+            Fact("forbidden", self.forbidden, "", "forbidden: {} of the paths published"),
+        ]
 
     def summary(self) -> dict[str, object]:
         """Without its arrays, ready for JSON."""
-        left_out = ("driven", "optimal", "counters")
-        values = {name: value for name, value in vars(self).items() if name not in left_out}
-        return (
-            values
-            | {name: getattr(self.counters, name) for name in _COUNTED}
-            | {
-                "excess": self.excess,
-                "cells": self.cells,
-                "omniscient_cost": self.optimal_cost,
-            }
-        )
+        names = ("method", "start", "goal", "reached", "goals", "memory_mb", "planning_ms")
+        told = {name: getattr(self, name) for name in names} | values_of(self.facts)
+        return told | {name: getattr(self.counters, name) for name in _COUNTED}
 
 
 def random_drive(ground: SurveyedGround, seed: int) -> tuple[Cell, Cell]:

@@ -42,11 +42,7 @@ def read_arrays(path: Path) -> Reading:
             return metres(np.load(path, allow_pickle=False)), None, None
     with _Archive(path) as archive:
         cell = archive.cell()
-        name = archive.elevation_name()
-        promised = archive.promised(name)
-        check_grid(path, promised)
-        check_room(path, promised.shape, promised.dtype, promised.nbytes)
-        return metres(archive.array(name)), cell, archive.place()
+        return archive.grid(archive.elevation_name()), cell, archive.place()
 
 
 def read_cost_map(path: Path) -> tuple[Float2D, float] | None:
@@ -65,11 +61,8 @@ def read_cost_map(path: Path) -> tuple[Float2D, float] | None:
     ):
         if "cost" not in archive.names:
             return None
-        promised = archive.promised("cost")
         cell = archive.cell()
-        check_grid(path, promised, "costs", "biuf")
-        check_room(path, promised.shape, promised.dtype)
-        return metres(archive.array("cost")), cell[0] if cell else 1.0
+        return archive.grid("cost", "costs", "biuf"), cell[0] if cell else 1.0
 
 
 def check_room(
@@ -134,6 +127,13 @@ class _Archive(zipfile.ZipFile):
         with self.open(self.names[name]) as member:
             found: Array = npy.read_array(member, allow_pickle=False)
         return found
+
+    def grid(self, name: str, what: str = "heights", kinds: str = "iuf") -> Float2D:
+        """A map; TerrainError for one of another kind, or too large for the memory that is left."""
+        promised = self.promised(name)
+        check_grid(self.path, promised, what, kinds)
+        check_room(self.path, promised.shape, promised.dtype, promised.nbytes)
+        return metres(self.array(name))
 
     def elevation_name(self) -> str:
         """That of the array of heights: one of ours, or the only one of two dimensions;

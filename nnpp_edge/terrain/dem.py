@@ -239,10 +239,11 @@ class DemWindows(Place):
     def shape(self) -> Shape:
         return self.raster.shape
 
-    @property
-    def block(self) -> Shape:
-        """Rows and columns of a stored block."""
-        return self.raster.block
+    def bands(self) -> Iterator[Rectangle]:
+        """Rows that are stored together, from top to bottom."""
+        rows, cols = self.shape
+        high = max(self.raster.block[0], 256)
+        return ((row, 0, min(high, rows - row), cols) for row in range(0, rows, high))
 
     def read(self, part: Rectangle) -> Float2D:
         """(rows, cols) float32 heights of a rectangle, as `read_dem` gives them; TerrainError for a

@@ -5,7 +5,7 @@ import json
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from xml.sax.saxutils import escape
 
 import numpy as np
@@ -19,6 +19,7 @@ from nnpp_edge.runtime.robots.body.attitude import attitudes
 from nnpp_edge.runtime.robots.body.poses import Poses
 from nnpp_edge.terrain.coordinates import lonlat_of
 from nnpp_edge.terrain.dem import Dem
+from nnpp_edge.terrain.facts import Fact
 from nnpp_edge.terrain.georeference import Place, Point
 from nnpp_edge.terrain.vectors import geopackage_bytes
 
@@ -26,6 +27,14 @@ _LOCAL = 'LOCAL_CS["the map\'s own metres",UNIT["metre",1]]'
 _EPSG = re.compile(r'(?:AUTHORITY|ID)\["EPSG",\s*"?(\d+)"?\]\]\s*$')
 
 
+_STANDING = (
+    ("pitch_deg", "°", "vehicle: pitched by at most {}"),
+    ("roll_deg", "°", "vehicle: rolled by at most {}"),
+    ("tilt_deg", "°", "vehicle: tilted by at most {}"),
+    ("clearance_m", "m", "vehicle: clear by at least {}"),
+    ("margin", "", ""),
+)
+"""Numbers of `Route.standing` whose extremes are facts of the path: unit, and words."""
 Facts = dict[str, object]
 """Properties of a feature."""
 Leg = tuple[Along, Facts]
@@ -55,23 +64,31 @@ class Route:
         rows, cols = np.rint(along.points).astype(np.int64).T
         return cls(line, along, cost[rows, cols], dem)
 
+    @classmethod
+    def of_plan(cls, plan: Plan, cost: Float2D, dem: Place, poses: Poses | None = None) -> "Route":
+        """The route of a plan, with how a vehicle stands along it, by its poses if it is a body."""
+        assert plan.along is not None
+        route = cls.of(plan.line, plan.along, cost, dem)
+        return route if plan.vehicle is None else replace(route, standing=_standing(plan, poses))
+
     @property
     def length_m(self) -> float:
         """Length on the level; 0 without a path."""
         return float(self.along.distance_m[-1]) if len(self.line) else 0.0
 
     @property
-    def worst(self) -> dict[str, float | None]:
-        """The steepest that a body stands along the path, and its least clearance; empty for a
-        point.
+    def facts(self) -> list[Fact]:
+        """The steepest that a body stands along the path, and its least clearance and margin; empty
+        for a point.
         """
-        found = {}
-        for name in ("pitch_deg", "roll_deg", "tilt_deg"):
+        found = []
+        for name, unit, words in _STANDING:
             if name in self.standing:
-                found[f"steepest_{name}"] = _known(float(np.abs(self.standing[name]).max()))
-        if "clearance_m" in self.standing:
-            found["least_clearance_m"] = _known(float(self.standing["clearance_m"].min()))
-            found["least_margin"] = _known(float(self.standing["margin"].min()))
+                numbers = self.standing[name]
+                steepest = unit == "°"
+                extreme = np.abs(numbers).max() if steepest else numbers.min()
+                named = f"{'steepest' if steepest else 'least'}_{name}"
+                found.append(Fact(named, _known(float(extreme)), unit, words))
         return found
 
     def stands(self) -> dict[str, list[float | None]]:
@@ -183,7 +200,7 @@ class Route:
         return "\n".join([*out, "</trkseg></trk>", "</gpx>", ""]).encode()
 
 
-def standing_along(plan: Plan, poses: Poses | None) -> dict[str, Floats]:
+def _standing(plan: Plan, poses: Poses | None) -> dict[str, Floats]:
     """How a vehicle stands at each point along its plan, as of `Route.standing`."""
     if plan.along is None or len(plan.path) < 2:
         return {}

@@ -96,7 +96,7 @@ class Recipe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         counts = [self.maps, self.maps_per_shard, self.points_per_map - 1]
         counts += [pooling for pooling, _ in self.poolings]
         shares = (self.synthetic_share, self.obstacle_share, self.margin_share, self.least_distance)
-        drawn = [[share for _, share in self.poolings], [share for _, share in self.workloads]]
+        drawn = [[share for _, share in each] for each in (self.poolings, self.workloads)]
         sides = self.cell_sizes_m
         start, end = self.stripe
         checks = {
@@ -105,7 +105,7 @@ class Recipe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 blocks > 0 == blocks % 8 == size % blocks
             ),
             "numbers of maps and points must be above 0": min(counts) > 0 <= self.seed,
-            f"shares must lie in [0, 1], got {shares}": all(0.0 <= each <= 1.0 for each in shares),
+            f"shares must lie in [0, 1], got {shares}": 0.0 <= min(shares) <= max(shares) <= 1.0,
             f"shares must be above 0, got {drawn}": all(
                 min(chances, default=-1) >= 0 < sum(chances) < math.inf for chances in drawn
             ),

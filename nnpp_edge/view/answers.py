@@ -28,7 +28,8 @@ from nnpp_edge.runtime.robots.slope.cost import unit_of
 from nnpp_edge.runtime.terrain.traversability import terms_in_words, terrain_terms
 from nnpp_edge.terrain.coordinates import lonlat_at, on_earth
 from nnpp_edge.terrain.dem import Dem
-from nnpp_edge.terrain.route import Route, places_of, standing_along
+from nnpp_edge.terrain.facts import lines_of, plan_facts, values_of
+from nnpp_edge.terrain.route import Route, places_of
 from nnpp_edge.view.asked import Asked, Site, command_of
 from nnpp_edge.view.landscape import Landscape, painted
 from nnpp_edge.viz.palette import REFUSED
@@ -43,6 +44,8 @@ _STEEPEST_DEG = 40.0
 """Slope from which on its layer grows no stronger."""
 _BLOCKED = 0.25
 """Share of a pixel's cells from which on it is impassable."""
+_STANDING = ("heading_deg", "tilt_deg", "clearance_m")
+"""How a vehicle stands along the path, for the page."""
 _MEASURES = ("length_m", "width_m", "radius_m")
 _DAY_S = 86400
 _TIMES_S = (1, 5, 15, 60, 300, 900, 1800, 3600, 7200, 14400, 28800, _DAY_S, 5 * _DAY_S, 20 * _DAY_S)
@@ -184,43 +187,42 @@ class Answerer:
         plan = landscape.plan(asked, asked.method)
         if question.want == "file":
             name = f"{self.site.path.stem}-path.{question.format}"
-            return {"file": name}, file_of(dem, asked, plan, landscape.cost, question.format)
+            return {"file": name}, file_of(dem, asked, plan, landscape, question.format)
         return path_answer(self.site, asked, landscape, plan), None
 
 
 def path_answer(site: Site, asked: Asked, landscape: Landscape, plan: Plan) -> Answer:
     """A plan: its figures, its line, what lies along it, and how to ask for it elsewhere."""
+    unit = unit_of(asked.step_cost)
     answer: Answer = {
         "figures": plan.summary(),
+        "facts": list(lines_of(plan_facts(plan, (), unit)).items()),
         "ok": plan.ok,
-        "unit": unit_of(asked.step_cost),
-        "on_foot": asked.chosen(site).mobility.time is None,
+        "unit": unit,
         "rows": [],
         "cols": [],
         "warnings": landscape.warnings,
         "command": command_of(site, asked),
     }
-    if plan.status.endswith("BLOCKED") and landscape.planner.state.grid.robot.moves.poses is None:
+    if plan.status.endswith("BLOCKED") and landscape.poses is None:
         end = asked.start if plan.status.startswith("START") else asked.goal
         why = f"{plan.reason}: {ground_in_words(site.dem, end)}"
         answer["figures"] = plan.summary() | {"reason": why}
     if plan.along is None or not len(plan.path):
         return answer
-    along = plan.along
-    rows, cols = along.points.T
-    cost = Route.of(plan.line, along, landscape.cost, site.dem).cost
+    route = Route.of_plan(plan, landscape.cost, site.dem, landscape.poses)
+    answer["facts"] = list(lines_of(plan_facts(plan, route.facts, unit)).items())
+    rows, cols = plan.along.points.T
     for name, values, digits in (
         ("rows", rows, 2),
         ("cols", cols, 2),
-        ("distance_m", along.distance_m, 1),
-        ("height_m", along.heights_m, 2),
-        ("cost", np.minimum(cost, 1.0), 3),
+        ("distance_m", plan.along.distance_m, 1),
+        ("height_m", plan.along.heights_m, 2),
+        ("cost", np.minimum(route.cost, 1.0), 3),
+        *((name, route.standing[name], 2) for name in _STANDING if name in route.standing),
     ):
-        answer[name] = np.round(values.astype(float), digits).tolist()
-    poses = landscape.planner.state.grid.robot.moves.poses
-    for name, values in standing_along(plan, poses).items():
-        if name in ("heading_deg", "tilt_deg", "clearance_m"):
-            answer[name] = [None if math.isnan(each) else each for each in values.round(2).tolist()]
+        rounded = values.astype(float).round(digits).tolist()
+        answer[name] = [each if math.isfinite(each) else None for each in rounded]
     if plan.drive is not None:
         answer["gears"] = plan.drive.gears.tolist()
     if plan.waypoints is not None:
@@ -228,14 +230,12 @@ def path_answer(site: Site, asked: Asked, landscape: Landscape, plan: Plan) -> A
     return answer
 
 
-def file_of(dem: Dem, asked: Asked, plan: Plan, cost: Float2D, form: str) -> bytes:
+def file_of(dem: Dem, asked: Asked, plan: Plan, landscape: Landscape, form: str) -> bytes:
     """A file with a path; InvalidQueryError without one, and for GPX off the Earth."""
     if not plan.ok or plan.along is None:
         raise InvalidQueryError("there is no path to save")
-    route = Route.of(plan.line, plan.along, cost, dem)
-    told = plan.summary()
-    names = ("status", "method", "source", "cost", *plan.numbers._fields)
-    figures = {name: told[name] for name in names}
+    route = Route.of_plan(plan, landscape.cost, dem, landscape.poses)
+    figures = values_of(plan_facts(plan, route.facts))
     if form == "gpx":
         via = ((f"via {number}", cell) for number, cell in enumerate(asked.via, 1))
         stops = [("start", asked.start), *via, ("goal", asked.goal)]

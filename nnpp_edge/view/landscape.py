@@ -16,6 +16,7 @@ from nnpp_edge.runtime.map.along import Along
 from nnpp_edge.runtime.network.priors import prices_by
 from nnpp_edge.runtime.options import PlanOptions
 from nnpp_edge.runtime.planners.plan import Method
+from nnpp_edge.runtime.robots.body.poses import Poses
 from nnpp_edge.runtime.terrain.traversability import traversability_cost
 from nnpp_edge.runtime.tuning import PRICE_SCALE
 from nnpp_edge.view.asked import Asked, Obstacles, Site
@@ -71,6 +72,11 @@ class Landscape:
             model=site.model,
         )
         self._laid: Obstacles = ()
+
+    @property
+    def poses(self) -> Poses | None:
+        """Poses of the vehicle; None for a point or a disc."""
+        return self.planner.state.grid.robot.moves.poses
 
     def lay(self, obstacles: Obstacles) -> None:
         """Plan among these obstacles from now on; InvalidQueryError where one leaves the map."""

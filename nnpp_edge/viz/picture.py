@@ -24,6 +24,7 @@ from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.robots.body.refusal import refusals
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
+from nnpp_edge.terrain.facts import metres
 from nnpp_edge.viz.palette import (
     BODY,
     COST,
@@ -43,7 +44,7 @@ from nnpp_edge.viz.palette import (
     UNKNOWN,
     Colour,
 )
-from nnpp_edge.viz.sheet import CIRCLE, LEAST_PIXELS, SHADES, Item, MapDrawing, Picture, metres
+from nnpp_edge.viz.sheet import CIRCLE, LEAST_PIXELS, SHADES, Key, MapDrawing, Picture, swatch
 
 Shade = NDArray[np.uint8]
 """(H, W) lightness of the relief, or a number for each cell."""
@@ -74,6 +75,7 @@ _ZOOMED = 0.5
 """Share of the map up to which a part of it is shown alone."""
 _PIECE = ((0.0, 0.0), (26.0, 0.0))
 """Of a line, in the legend."""
+_STRIPES = [([(at, 7), (at + 13, -6)], UNKNOWN, 2.0) for at in (0, 9)]
 _CORNERS = ((0, 1), (0, 0), (1, 1), (1, 0))
 _OVERVIEW = 0.22
 """Of the picture's longer side, that of the small map in its corner."""
@@ -204,8 +206,8 @@ class Chart:
         with_bodies = drawing.bodies(outlines)
         marked = [(stop, str(number), PAPER) for number, stop in enumerate(via, 1)]
         marked += [] if ended is None else [(ended, "x", ENDED)]
-        for mark in marked:
-            drawing.numbered(*mark)
+        for cell, sign, colour in marked:
+            drawing.mark(cell, CIRCLE * 9.0, colour, sign)
         if start is not None:
             drawing.ends(start, goal)
             if part != self.whole:
@@ -213,10 +215,10 @@ class Chart:
                 self._overview(drawing, part, tints, away)
 
         # the legend, with the widest line first
-        keys: list[Item] = []
+        keys: list[Key] = []
         for line in sorted(there, key=lambda each: -each.width):
             pieces = [(_PIECE, *layer) for layer in line.layers]
-            keys.append(drawing.drawn(28.0, pieces, line.words))
+            keys.append(Key(line.words, 28.0, pieces))
         swatches = (
             (START, begin, start),
             (GOAL, "goal", goal),
@@ -226,17 +228,15 @@ class Chart:
             (ENDED, "where the search ended", ended),
             (SHUT_GROUND, "impassable", (~(self.cost < 1.0) & ~unknown).any()),
         )
-        keys += [drawing.swatch(colour, words) for colour, words, shown in swatches if shown]
+        keys += [swatch(colour, words) for colour, words, shown in swatches if shown]
         if unknown.any():
-            stripes = [([(at, 7), (at + 13, -6)], UNKNOWN, 2.0) for at in (0, 9)]
-            keys.append(drawing.drawn(22.0, stripes, stripes_say))
+            keys.append(Key(stripes_say, 22.0, _STRIPES))
         costs = cost_picture(np.linspace(0.0, 0.999, 30, dtype=np.float32)[None])[0].tolist()
         places = zip(range(7, 127, 4), costs, strict=True)
         bar = [([(x, 0), (x + 4, 0)], colour, 13.0) for x, colour in places]
-        keys.append(drawing.drawn(137.0, bar, "traversability cost, 0 to 1"))
+        keys.append(Key("traversability cost, 0 to 1", 137.0, bar))
         scale = drawing.scale(None if self.sides_m is None else self.sides_m[1])
-        told = [drawing.text_item(fact) for fact in facts]
-        return drawing.finish([keys, told + scale + drawing.north(self.north_deg)])
+        return drawing.finish([keys, [*map(Key, facts), *scale, *drawing.north(self.north_deg)]])
 
     def _overview(
         self, drawing: MapDrawing, part: Rectangle, tints: Sequence[Tint], places: Cells
@@ -471,20 +471,13 @@ def _facts(plan: Plan) -> Iterator[str]:
     if not plan.ok:
         yield str(plan.status)
     if len(plan.path):
-        yield f"cost {_number(plan.cost)}"
+        yield f"cost {plan.cost:.5g}"
         if plan.waypoints is not None:
-            yield f"line integral {_number(plan.line_cost)}"
-        if plan.along is None:
-            yield f"{_number(plan.length)} cells"
-        else:
-            yield f"length {metres(float(plan.along.distance_m[-1]))}"
+            yield f"line integral {plan.line_cost:.5g}"
+        metric = plan.along is not None
+        yield f"length {metres(plan.numbers.length_m) if metric else f'{plan.length:.4g} cells'}"
     if "total" in plan.timings_ms:
-        yield f"{_number(plan.timings_ms['total'])} ms"
-
-
-def _number(x: float) -> str:
-    """Four digits, or all of those before the point."""
-    return f"{x:.0f}" if x >= 1000.0 else f"{x:.4g}"
+        yield f"{plan.timings_ms['total']:.4g} ms"
 
 
 def tinted(tint: Tint) -> Colour:

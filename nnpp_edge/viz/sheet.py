@@ -5,7 +5,7 @@ Lengths in points: a pixel on maps of up to 1000 pixels, more on larger ones. Te
 """
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import cv2
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Array, Cells, Floats
 from nnpp_edge.runtime.cells import Cell, Rectangle
+from nnpp_edge.terrain.facts import metres
 from nnpp_edge.viz.palette import (
     BODY,
     GOAL,
@@ -25,9 +26,8 @@ from nnpp_edge.viz.palette import (
 )
 
 Picture = NDArray[np.uint8]
-Point = tuple[float, float]
-Stroke = tuple[Sequence[Sequence[float]] | Array, Colour, float]
-"""A line of points (x, y), its colour and its width."""
+Shape = tuple[Sequence[Sequence[float]] | Array, Colour, float]
+"""A line of points (x, y), its colour and its width; of width 0 a filled polygon with a rim."""
 
 LEAST_PIXELS = 800
 _LARGE = 1200
@@ -46,12 +46,21 @@ CIRCLE = np.column_stack((np.cos(_TURN), np.sin(_TURN)))
 """Of radius 1."""
 
 
-class Item(NamedTuple):
-    """A symbol and its words, in the strip below the map."""
+_SQUARE = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+_PATCH = np.multiply(np.add(_SQUARE, (1, 0)), (11.0, 7.0))
 
-    width: float
-    draw: Callable[[float, float], None]
-    """Called with the left edge and the middle line."""
+
+class Key(NamedTuple):
+    """Words in the strip below the map, with a symbol before them that is so many points wide."""
+
+    words: str
+    width: float = 0.0
+    shapes: Sequence[Shape] = ()
+
+
+def swatch(colour: Colour, words: str) -> Key:
+    """A key: a patch of colour."""
+    return Key(words, 22.0, [(_PATCH, colour, 0.0)])
 
 
 class MapDrawing:
@@ -97,10 +106,6 @@ class MapDrawing:
         places: Floats = (cells.astype(np.float64) - self._origin + 0.5) * self.sides - 0.5
         return np.add(places[:, ::-1], (self.left, self.margin))
 
-    def _at(self, cell: Cell) -> Point:
-        """Where the middle of a cell lies, (x, y)."""
-        return tuple(self._points(np.array([cell]))[0].tolist())
-
     def hatched(self, mask: NDArray[np.bool_]) -> None:
         """Draw ground, (H, W) as that of the map, that is unknown: stripes on paper."""
         height, width = self.map.shape[:2]
@@ -142,32 +147,16 @@ class MapDrawing:
         if goal is not None:
             turns = np.arange(10) * math.pi / 5
             tips = np.column_stack([np.sin(turns), -np.cos(turns)])
-            radii = np.array([11.0, 4.4] * 5)
-            self._polygon(tips * radii[:, None], self._at(goal), GOAL)
-        square = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
-        self._polygon(square * 6.5, self._at(start), START)
+            self.mark(goal, tips * np.array([[11.0], [4.4]] * 5), GOAL)
+        self.mark(start, 6.5 * _SQUARE, START)
 
-    def numbered(self, cell: Cell, number: str, colour: Colour = PAPER) -> None:
-        """Draw a place by its number or its sign."""
-        x, y = self._at(cell)
-        self._polygon(CIRCLE * 9.0, (x, y), colour)
-        self._text(number, x - 0.5 * self._text_width(number), y)
+    def mark(self, cell: Cell, corners: Array, colour: Colour, sign: str = "") -> None:
+        """Draw a place by a polygon, with a number or a sign in it."""
+        x, y = self._points(np.array([cell]))[0].tolist()
+        self._draw((corners, colour, 0.0), x, y)
+        self._text(sign, x - 0.5 * self._text_width(sign), y)
 
-    def swatch(self, colour: Colour, words: str) -> Item:
-        """A key: a patch of colour."""
-        corners = np.array([(0, -7), (22, -7), (22, 7), (0, 7)])
-        return self._key(22.0, lambda x, y: self._polygon(corners, (x, y), colour), words)
-
-    def drawn(self, width: float, strokes: Iterable[Stroke], words: str) -> Item:
-        """A key, `width` points wide: strokes from its left edge and its middle line on."""
-
-        def draw(x: float, y: float) -> None:
-            for points, colour, weight in strokes:
-                self._stroke(np.add(np.multiply(points, self.unit), (x, y)), colour, weight)
-
-        return self._key(width, draw, words)
-
-    def north(self, degrees: float | None) -> list[Item]:
+    def north(self, degrees: float | None) -> list[Key]:
         """A key: an arrow to the map's north, degrees clockwise from up; none where that is
         unknown.
         """
@@ -176,11 +165,10 @@ class MapDrawing:
         turn = math.radians(degrees)
         tip = 9.0 * np.array((math.sin(turn), -math.cos(turn)))
         side = 0.5 * np.array((-tip[1], tip[0]))
-        middle = (9.0, 0.0)
-        turned = np.array([-tip, tip, 0.2 * tip - side, tip, 0.2 * tip + side]) + middle
-        return [self.drawn(18.0, [(turned, INK, 1.5)], "grid north")]
+        turned = np.array([-tip, tip, 0.2 * tip - side, tip, 0.2 * tip + side])
+        return [Key("grid north", 18.0, [(np.add(turned, (9.0, 0.0)), INK, 1.5)])]
 
-    def scale(self, cell_size_m: float | None) -> list[Item]:
+    def scale(self, cell_size_m: float | None) -> list[Key]:
         """A key: a bar of a round length; none where the size of a cell is not known."""
         if cell_size_m is None:
             return []
@@ -190,13 +178,9 @@ class MapDrawing:
         right = length_m / cell_size_m * self.sides[1] / self.unit
         bar = [(0.0, -5.0), (0.0, 5.0), (0.0, 0.0)]
         bar += [(right, 0.0), (right, -5.0), (right, 5.0)]
-        return [self.drawn(right, [(bar, INK, 1.5)], metres(length_m))]
+        return [Key(metres(length_m), right, [(bar, INK, 1.5)])]
 
-    def text_item(self, words: str) -> Item:
-        """Words alone."""
-        return Item(self._text_width(words), lambda x, y: self._text(words, x, y))
-
-    def finish(self, lines: Sequence[Sequence[Item]]) -> Picture:
+    def finish(self, lines: Sequence[Sequence[Key]]) -> Picture:
         """Add lines of keys below the map, broken where they are too long for it."""
         if self._corner is not None:
             small, (down, across) = self._corner
@@ -207,31 +191,26 @@ class MapDrawing:
         bottom, width = self.picture.shape[:2]
         row = 0
         placed = []
-        for items in lines:
+        for keys in lines:
             x: float = self.margin
-            for item in items:
-                if x > self.margin and x + item.width > width - self.margin:
+            for key in keys:
+                before = (key.width + 8 * bool(key.shapes)) * self.unit
+                wide = before + self._text_width(key.words)
+                if x > self.margin and x + wide > width - self.margin:
                     row += 1
                     x = self.margin
-                placed.append((x, row, item))
-                x += item.width + 26 * self.unit
-            row += bool(items)
+                placed.append((x, row, before, key))
+                x += wide + 26 * self.unit
+            row += bool(keys)
         height = round(28 * self.unit)
         strip = _paper(height * row + self.margin // 2, width)
         self.picture = np.concatenate([self.picture, strip])
-        for x, at, item in placed:
-            item.draw(x, bottom + height * (at + 0.5) - self.margin / 2)
+        for x, at, before, key in placed:
+            y = bottom + height * (at + 0.5) - self.margin / 2
+            for shape in key.shapes:
+                self._draw(shape, x, y)
+            self._text(key.words, x + before, y)
         return self.picture
-
-    def _key(self, symbol_width: float, symbol: Callable[[float, float], None], words: str) -> Item:
-        """A symbol, `symbol_width` points wide, with words to its right."""
-        beside = (symbol_width + 8) * self.unit
-
-        def draw(x: float, y: float) -> None:
-            symbol(x, y)
-            self._text(words, x + beside, y)
-
-        return Item(beside + self._text_width(words), draw)
 
     def _text_width(self, words: str) -> float:
         return float(cv2.getTextSize(words, _FONT, 0.5 * self.unit, 1)[0][0])
@@ -241,10 +220,13 @@ class MapDrawing:
         weight = max(1, round(0.7 * self.unit))
         cv2.putText(self.picture, words, place, _FONT, 0.5 * self.unit, INK, weight, cv2.LINE_AA)
 
-    def _polygon(self, corners: Array, middle: Point, colour: Colour) -> None:
-        points = np.array(middle) + corners * self.unit
-        cv2.fillPoly(self.picture, [_fixed(points)], colour, cv2.LINE_AA, _SHIFT)
-        self._stroke(np.vstack((points, points[:1])), INK, 1.0)
+    def _draw(self, shape: Shape, x: float, y: float) -> None:
+        points, colour, width = shape
+        placed = np.add(np.multiply(points, self.unit), (x, y))
+        if not width:
+            cv2.fillPoly(self.picture, [_fixed(placed)], colour, cv2.LINE_AA, _SHIFT)
+            placed = np.vstack((placed, placed[:1]))
+        self._stroke(placed, colour if width else INK, width or 1.0)
 
     def _stroke(self, points: Array, colour: Colour, width: float) -> None:
         thickness = max(1, round(width * self.unit))
@@ -257,10 +239,3 @@ def _paper(height: int, width: int) -> Picture:
 
 def _fixed(points: Array) -> Cells:
     return np.asarray(np.rint(points * 2**_SHIFT), np.int32)
-
-
-def metres(length_m: float) -> str:
-    """A length for people, in m or km."""
-    if length_m < 1000.0:
-        return f"{length_m:.4g} m"
-    return f"{length_m / 1000.0:.4g} km"

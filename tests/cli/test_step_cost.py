@@ -125,26 +125,14 @@ def test_every_value_can_be_set_in_place_of_the_vehicles_own(tmp_path):
     assert given().body() is None and given("--seed", 3).body() is None
     assert given("--vehicle", "large-rover").body() == own
     assert given("--set", "radius_m=0.5").body() == Vehicle(radius_m=0.5)
-    odd = {
-        "axles": 4,
-        "length_m": 3.5,
-        "width_m": 3.5,
-        "wheel_width_m": 0.3,
-        "unknown_passes": True,
-    }
-    of_arcs = {
-        "turning_radius_m": 3.0,
-        "turns_on_spot": True,
-        "reverse_cost": 2.0,
-        "gear_change_m": 0.5,
-    }
-    words = [
-        word
-        for name, value in of_arcs.items()
-        for word in ("--set", f"{name}={str(value).lower()}")
-    ]
-    assert given("--vehicle", "large-rover", *words).body() == replace(own, **of_arcs)
-    for name in {field.name for field in fields(Vehicle)} - {"radius_m", *of_arcs}:
+    words = ("--vehicle", "large-rover", "--set", "turning_radius_m=3", "--set")
+    arcs = {"turns_on_spot": True, "reverse_cost": 2.0, "gear_change_m": 0.5}
+    for name, value in arcs.items():
+        made = given(*words, f"{name}={str(value).lower()}").body()
+        assert made == replace(own, turning_radius_m=3.0, **{name: value}), name
+    odd = {"axles": 4, "wheel_width_m": 0.3, "unknown_passes": True}
+    odd |= dict.fromkeys(("length_m", "width_m"), 3.5)
+    for name in {field.name for field in fields(Vehicle)} - {"radius_m", "turning_radius_m", *arcs}:
         value = odd.get(name, 20.0 if name.endswith("_deg") else 0.5)
         made = given("--vehicle", "large-rover", "--set", f"{name}={str(value).lower()}").body()
         assert made == replace(own, **{name: value}), name

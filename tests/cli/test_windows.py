@@ -89,16 +89,6 @@ def test_a_plan_by_windows_is_that_of_the_map_in_memory(run, told, ground):
     assert cv2.imread("windows/plan.png") is not None
 
 
-def test_rescaling_and_places(told, ground):
-    words = "plan ground.tif --rescale 1 --start xy:400011,4999989 --goal 200,200 --goal 290,380"
-    whole = told(f"{words} {LIMIT} --method corridor")
-    found = told(f"{words} {LIMIT} {SMALL}")
-    assert found["start"] == whole["start"] == [5, 5]
-    assert all(
-        found[name] == whole[name] for name in ("goal", "goals", "cost", "length_m", "cell_size_m")
-    )
-
-
 def test_a_broken_cog_is_one_line_and_nothing_half_written(run, ground):
     rasterio.shutil.copy("ground.tif", "cog.tif", driver="COG", compress="DEFLATE", blocksize=128)
     Path("out").mkdir()

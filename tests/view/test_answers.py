@@ -238,7 +238,9 @@ def test_an_answer_tells_what_lies_along_the_path(site):
     assert path["cost"] == pytest.approx(cost[rows, cols].tolist(), abs=5e-4)
     assert path["height_m"] == pytest.approx(site.dem.elevation[rows, cols].tolist(), abs=6e-3)
     assert path["distance_m"][-1] == pytest.approx(plan.numbers.length_m, abs=0.05)
-    assert path["figures"]["cost"] == round(plan.cost, 6) and path["unit"] == "" and path["on_foot"]
+    assert path["figures"]["cost"] == round(plan.cost, 6) and path["unit"] == ""
+    facts = dict(path["facts"])
+    assert facts["cost"].startswith(f"{plan.cost:.6g}, ") and " on foot, by " in facts["way"]
     opening = json.loads(answerer.opening())
     assert (
         opening["bodies"]["none"]["clearance_m"] is None

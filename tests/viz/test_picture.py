@@ -10,7 +10,7 @@ from nnpp_edge.runtime import Method, Plan, Planner, Source, Vehicle
 from nnpp_edge.runtime.cells import slices
 from nnpp_edge.runtime.errors import OutputError, Status
 from nnpp_edge.runtime.kernels.poses import REFUSALS
-from nnpp_edge.viz.palette import BODY, DRIVEN, GOAL, OPTIMUM, PATH, POINT, REFUSED, REGION, START
+from nnpp_edge.viz.palette import DRIVEN, GOAL, OPTIMUM, PATH, REFUSED, REGION, START
 from nnpp_edge.viz.picture import (
     SHUT_GROUND,
     Chart,
@@ -213,19 +213,6 @@ def test_a_picture_shows_where_the_vehicle_stands_in_no_heading():
     plain, shown = pictures
     np.testing.assert_array_equal((plain != shown).any(-1), refused > 0)
     assert (shown[4, 3] != shown[4, 6]).any(), "a colour for each limit"
-
-
-def test_another_path_and_outlines_are_drawn_where_they_are_given():
-    cost = np.full((40, 40), 0.3, np.float32)
-    path = np.array([(20, col) for col in range(5, 35)], np.int32)
-    plan = Plan(Status.OK, Method.ASTAR, Source.MAP, path, cost=1.0, length=29.0)
-    outlines = body_outlines(path, Vehicle(4.0, 3.0, 0.3), (1.0, 1.0))
-    plain, more = (
-        plan_picture(Chart(cost), plan, (20, 5), (20, 34), **given)
-        for given in ({}, {"point_path": path[:, ::-1], "outlines": outlines})
-    )
-    assert count(more, POINT) > count(plain, POINT) + 100
-    assert count(more, BODY) > count(plain, BODY) + 100
 
 
 # linear RGB as it is seen without one kind of cone (Machado, Oliveira and Fernandes 2009)

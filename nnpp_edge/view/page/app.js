@@ -4,7 +4,7 @@ import { Controls } from "./controls.js";
 import { colourBands, colourRefused, paint } from "./layers.js";
 import { Link } from "./link.js";
 import { MapView } from "./map.js";
-import { metres, Profile } from "./profile.js";
+import { Profile } from "./profile.js";
 
 const byId = (id) => document.getElementById(id);
 let METHODS = []; // the names that the site gives
@@ -311,25 +311,13 @@ function drawn(at) {
   channel.port2.postMessage(null);
 }
 
-function figures({ figures: found, ok, unit, on_foot: onFoot, distance_m: distance, warnings }) {
+function figures({ figures: found, facts, ok, warnings }) {
   const status = byId("status");
   status.textContent = ok ? `Path found by ${found.method}` : (STATUS[found.status] ?? found.status);
   status.classList.toggle("bad", !ok);
   byId("why").textContent = found.reason || found.choice;
-  const rows = [];
-  if (ok) {
-    rows.push(["cost", `${number(found.cost)}${unit && ` ${unit}`}`], ["length", metres(distance.at(-1))]);
-    if (found.line_cost !== null && found.line_cost !== undefined) rows.push(["line integral", number(found.line_cost)]);
-    if (found.climb_m !== null) {
-      rows.push(["climb, descent", `${metres(found.climb_m)}, ${metres(found.descent_m)}`]);
-      rows.push(["steepest up, down", `${found.steepest_up_deg.toFixed(1)}°, ${found.steepest_down_deg.toFixed(1)}°`]);
-      if (found.time_s !== null) rows.push([onFoot ? "time on foot" : "time", duration(found.time_s)]);
-    }
-    if (found.energy_j !== null) rows.push(["energy", joules(found.energy_j)]);
-  }
-  rows.push(["cells expanded", found.expansions.toLocaleString("en")]); // its time is that of its row among the methods
   byId("figures").replaceChildren(
-    ...rows.flatMap(([name, value]) => [
+    ...facts.flatMap(([name, value]) => [
       Object.assign(document.createElement("dt"), { textContent: name }),
       Object.assign(document.createElement("dd"), { textContent: value }),
     ]),

@@ -96,7 +96,7 @@ export class Profile {
   }
 }
 
-export function metres(length) {
+function metres(length) {
   const far = Math.abs(length) >= 10000;
   const number = far ? (length / 1000).toFixed(2) : length.toFixed(Math.abs(length) < 100 ? 1 : 0);
   return `${number.replace("-", "−")} ${far ? "km" : "m"}`;
