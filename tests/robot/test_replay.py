@@ -72,7 +72,6 @@ def test_a_fast_replay_gives_the_same_answers_each_time(tmp_path, drive, method)
 def test_inputs_come_at_the_recorded_pace(tmp_path):
     now = [50.0]
     source = ReplaySource(scene(tmp_path / "scene.jsonl", ticks=3), clock=lambda: now[0])
-    assert source.messages == 7
     assert [type(m) for m in source.poll()] == [Goal, Pose, MapPatch]
     now[0] += 0.05
     assert not list(source.poll())
@@ -102,7 +101,7 @@ def test_a_recording_of_a_replay_is_the_replay(tmp_path, drive, navigator):
 def test_a_line_that_was_cut_off_is_left_out(tmp_path, caplog, cut, kept):
     path = scene(tmp_path / "scene.jsonl", ticks=5)
     path.write_bytes(path.read_bytes()[:-cut])
-    assert ReplaySource(path).messages == kept
+    assert len(list(read_recording(path))) == kept
     assert ("was cut off" in caplog.text) == (kept == 10)
 
 

@@ -228,13 +228,13 @@ def test_every_cell_of_a_patch_lands_where_it_lay(rows_along_x):
     grid_map = GridMap({"told": VALUES}, MapFrame(1.0, 6.0, 9.0, rows_along_x=True))
     occupied = OccupancyGrid(np.arange(6).reshape(2, 3), MapFrame(1.0, 4.0, 5.0))
     for patch, frame, values in (
-        (grid_map_patch(grid_map, target, "told", cost=True), grid_map.frame, VALUES),
+        (grid_map_patch(grid_map, target, "told"), grid_map.frame, VALUES),
         (occupancy_patch(occupied, target), occupied.frame, occupied.cost()),
     ):
         world = np.full((14, 15), NAN, np.float32)
         rows, cols = patch.shape
-        assert patch.elevation is None
-        world[patch.row : patch.row + rows, patch.col : patch.col + cols] = patch.cost
+        told = patch.cost if patch.elevation is None else patch.elevation
+        world[patch.row : patch.row + rows, patch.col : patch.col + cols] = told
         for (row, col), value in np.ndenumerate(values):
             assert world[target.cell(*frame.metres([[row, col]])[0])] == value
         assert np.isfinite(world).sum() == values.size
@@ -303,12 +303,13 @@ def test_a_path_becomes_poses_in_metres(cells, frame, poses):
 
 GRID = """
 info.width                      | 4     | 2 × 4 whole numbers as data, got (6,)
+info.width                      | -3    | $.info.width
 info.resolution                 | 0.0   | resolution
 info.origin.orientation.z       | 0.1   | not turned
 data                            | [[1.0], [1.0, 2.0]] | wanted numbers
 """
 LAYERS = """
-info.pose.orientation.z         | 0.1   | [0.0, 0.0, 0.1, 1.0]
+info.pose.orientation.z         | 0.1   | (0.0, 0.0, 0.1, 1.0)
 info.pose.orientation.x         | NaN   | not turned
 info.resolution                 | 0.0   | resolution
 info.length_x                   | 2.5   | multiples of 1.0 m above 0
@@ -320,7 +321,7 @@ data.0.layout.dim | [{"label":"row_index","size":3},{"label":"column_index","siz
 data.0.data                     | [1.0, 1.0, 1.0] | 2 × 3 numbers, got (3,)
 layers                          | ["elevation", "cost"] | a name for each of 1 layers, got
 layers                          | ["a", "a"] | a name for each of 1 layers, got
-outer_start_index               | 0.5   | outer_start_index must be a whole number, got 0.5
+outer_start_index               | 0.5   | $.outer_start_index
 outer_start_index               | 2     | within 2 × 3 cells
 """
 CLOUD = """
@@ -364,8 +365,8 @@ def test_a_message_that_makes_no_map_or_would_be_read_scrambled_is_refused(read,
 
 
 NO_MAPS = r"""
-OccupancyGrid.of_message(message()) | info.width
-GridMap.of_message(np.zeros((2, 3))) | a message with layers, got a ndarray
+OccupancyGrid.of_message(message()) | `width`
+GridMap.of_message(np.zeros((2, 3))) | another message of ROS
 OccupancyGrid(np.zeros((2, 3)), MapFrame(1.0)) | \(2, 3\) float64
 OccupancyGrid(np.zeros(6, int), MapFrame(1.0)) | a map \(height, width\)
 OccupancyGrid(np.full((2, 3), 101), MapFrame(1.0)) | \[-1, 100\], got \[101

@@ -533,9 +533,6 @@ def test_what_is_written_reads_back_in_its_place(tmp_path, recwarn):
 
 
 def test_what_cannot_be_written_is_one_error():
-    for array in (HEIGHTS[1:], HEIGHTS[None], HEIGHTS.astype(complex), np.full((6, 9), "x")):
-        with pytest.raises(OutputError, match=r"out.tif: wanted a \(6, 9\) array of numbers, got"):
-            raster_bytes(Path("out.tif"), array, dem_of())
     unknown = dem_of(georeference=Georeference("no such system", (1, 0, 0, 0, -1, 0)))
     with pytest.raises(OutputError, match=r"out.tif: could not be written"):
         raster_bytes(Path("out.tif"), HEIGHTS, unknown)
