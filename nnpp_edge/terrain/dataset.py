@@ -251,9 +251,11 @@ class GrowingSet:
 
     def growing(self) -> bool:
         """Whether shards are being made here; what went wrong with that is raised."""
-        if self._making is not None and self._making.done():
-            self._making.result()
-        return self._making is not None and not self._making.done()
+        making = self._making
+        if making is not None and making.done():
+            making.result()
+            return False
+        return making is not None
 
     def ready(self) -> int:
         """Number of shards up to the first that is missing."""
@@ -291,8 +293,6 @@ def read_recipe(folder: Path) -> Recipe:
     wanted = f"{folder}: wanted a data set's folder with {RECIPE_FILE}"
     with refused_as(DataSetError, wanted):
         stored = msgspec.json.decode((folder / RECIPE_FILE).read_bytes(), type=dict[str, object])
-        for former in ("allow_vrt", "vertical_scale"):  # older versions wrote them
-            stored.pop(former, None)
         of = stored.pop("format", None)
         if of != FORMAT:
             raise DataSetError(f"{folder}: wanted a data set of format {FORMAT}, got {of!r}")

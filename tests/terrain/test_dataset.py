@@ -103,12 +103,10 @@ def test_synthetic_terrain_is_rough_at_the_slope_asked_for():
     assert 1.0 < np.degrees(np.arctan(np.median(np.hypot(*south_and_east)))) < 25.0
 
 
-@pytest.mark.parametrize("size", [2, 3, 12, 14, 16, 40])
-def test_synthetic_terrain_may_be_small(size):
-    for seed in range(10):
-        heights = synthetic_terrain(np.random.default_rng(seed), size, 5.0)
-        assert (heights.shape, heights.dtype) == ((size, size), np.float32)
-        assert np.isfinite(heights).all()
+def test_synthetic_terrain_may_be_small():
+    for seed in range(60):
+        heights = synthetic_terrain(np.random.default_rng(seed), 2 + seed % 15, 5.0)
+        assert heights.dtype == np.float32 and np.isfinite(heights).all()
 
 
 def test_workloads_by_name():
