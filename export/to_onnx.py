@@ -146,27 +146,27 @@ def parity(network: Network, onnx_path: Path, samples: "Samples | None" = None) 
     spec = network.spec
     model = NetworkModel(onnx_path)
     rng = np.random.default_rng(1)
-    queries: list[Query] = []
+    chosen: Sequence[int] = range(COMPARED)
     if samples is not None:
         side = samples.planes.shape[-1]
         if side != spec.input_size:
             raise DataSetError(
                 f"wanted maps of {spec.input_size} × {spec.input_size} cells, got {side}"
             )
-        chosen = rng.choice(len(samples), min(COMPARED, len(samples)), replace=False)
-        queries = [samples.query(at) for at in chosen]
+        chosen = rng.choice(len(samples), min(COMPARED, len(samples)), replace=False).tolist()
     differences = []
-    for at in range(len(queries) or COMPARED):
+    for at in chosen:
         if spec.encoding == "unseen":
             maps = model.inputs["input"][0]
             maps[:] = rng.uniform(-1.0, 1.0, maps.shape)
             facts = np.empty(0)
             answer = model.answers()
         else:
-            maps, start, goal = queries[at] if queries else _random_query(spec, rng)
-            facts = np.array((start, goal))
+            query = samples.query(at) if samples is not None else _random_query(spec, rng)
+            maps, *ends = query
+            facts = np.array(ends)
             model.set_map(maps)
-            answer = model.answer(start, goal)
+            answer = model.answer(*ends)
         wanted = network.answers(maps[None], facts[None].astype(np.float32))[0]
         differences.append(np.abs(answer - wanted))
     most = float(np.max(differences))

@@ -123,7 +123,7 @@ def check_outputs(
             is_there = _is_there(path)
         place = os.path.realpath(path)
         for each in read:
-            if _same(place, each) or (is_there and place.startswith(each + os.sep)):
+            if place == each or (is_there and place.startswith(each + os.sep)):
                 raise OutputError(f"{name} would replace {path}, which is read: give another name")
         other = places.setdefault(place, name)
         if other != name:
@@ -186,11 +186,3 @@ def _is_there(path: Path) -> bool:
         what = "a folder" if stat.S_ISDIR(mode) else "no plain file"
         raise OSError(errno.EINVAL, f"it is {what}")
     return True
-
-
-def _same(one: str, other: str) -> bool:
-    """Whether two resolved paths lead to one file, also by hard links."""
-    try:
-        return one == other or Path(one).samefile(other)
-    except OSError:
-        return one == other

@@ -158,15 +158,8 @@ def wrong(planner: Planner) -> str:
 @pytest.mark.slow
 def test_a_strict_package_outside_passes_and_its_mistakes_are_found(tmp_path):
     (tmp_path / "consumer.py").write_text(CONSUMER)
-    command = [
-        sys.executable,
-        "-m",
-        "mypy",
-        "--strict",
-        "--cache-dir",
-        ROOT / ".mypy_cache/consumer",
-        "consumer.py",
-    ]
+    words = f"-m mypy --strict --cache-dir {ROOT / '.mypy_cache/consumer'} consumer.py"
+    command = [sys.executable, *words.split()]
     ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     problems = [line for line in ended.stdout.splitlines() if ": error: " in line]
     last = len(CONSUMER.splitlines())
@@ -193,18 +186,8 @@ def test_a_wheel_of_kernels_is_made_for_other_processors_too_and_what_it_holds_i
         (kept,) = (wheel.read(name) for name in wheel.namelist() if name.endswith(".nbc"))
     at = kept.index(b"\x7fELF")
     assert int.from_bytes(kept[at + 18 : at + 20], "little") == 183  # aarch64
-    install = [
-        sys.executable,
-        "-m",
-        "pip",
-        "install",
-        "--quiet",
-        "--no-deps",
-        "--target",
-        tmp_path / "site",
-        of_x86,
-    ]
-    subprocess.run(install, check=True)
+    words = f"-m pip install --quiet --no-deps --target {tmp_path / 'site'} {of_x86}"
+    subprocess.run([sys.executable, *words.split()], check=True)
     code = (
         "from nnpp_edge.runtime.kernels.threshold import lowered\n"
         "print(lowered(3, 0.5), sum(lowered.stats.cache_misses.values()))"

@@ -19,16 +19,16 @@ that the robot's body would touch, and is read as impassable.
 
 import io
 import math
-from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, TypeVar
 
+import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from nnpp_edge.files import write_whole
-from nnpp_edge.runtime.arguments import checked, is_real
+from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Cells, Float2D, Floats, as_map
 from nnpp_edge.runtime.cells import Cell, Shape
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, shown
@@ -61,6 +61,110 @@ _SAME = 1e-3
 """Share of a cell's side by which two maps' cells may differ."""
 _LEVEL = (1e-3, 1e-3, 1e-3, 1.001)
 """Parts of a quaternion, of either sign, up to which a map counts as not turned."""
+T = TypeVar("T")
+_Whole = Annotated[int, msgspec.Meta(ge=0, lt=2**32)]
+
+
+class _Header(msgspec.Struct):
+    frame_id: str
+
+
+class _Position(msgspec.Struct):
+    x: float
+    y: float
+
+
+class _Orientation(_Position):
+    z: float
+    w: float
+
+
+class _Pose(msgspec.Struct):
+    position: _Position
+    orientation: _Orientation
+
+    def corner(self) -> tuple[float, float]:
+        """x and y; InvalidMapError where the map is turned."""
+        turned = msgspec.structs.astuple(self.orientation)
+        if not all(abs(part) <= most for part, most in zip(turned, _LEVEL, strict=True)):
+            raise InvalidMapError(
+                f"wanted a map that is not turned, got one with the orientation x, y, z, w {turned}"
+            )
+        return self.position.x, self.position.y
+
+
+class _GridInfo(msgspec.Struct):
+    resolution: float
+    width: _Whole
+    height: _Whole
+    origin: _Pose
+
+
+class _Grid(msgspec.Struct):
+    """What is read of a nav_msgs/OccupancyGrid."""
+
+    header: _Header
+    info: _GridInfo
+    data: Any
+
+
+class _Dimension(msgspec.Struct):
+    label: str
+    size: _Whole
+
+
+class _Layout(msgspec.Struct):
+    dim: list[_Dimension]
+
+
+class _Layer(msgspec.Struct):
+    layout: _Layout
+    data: Any
+
+
+class _LayersInfo(msgspec.Struct):
+    resolution: float
+    length_x: float
+    length_y: float
+    pose: _Pose
+
+
+class _Layers(msgspec.Struct):
+    """What is read of a grid_map_msgs/GridMap."""
+
+    header: _Header
+    info: _LayersInfo
+    layers: list[str]
+    data: list[_Layer]
+    outer_start_index: _Whole
+    inner_start_index: _Whole
+
+
+class _PointField(msgspec.Struct):
+    name: str
+    offset: _Whole
+    datatype: _Whole
+
+
+class _Cloud(msgspec.Struct):
+    """What is read of a sensor_msgs/PointCloud2."""
+
+    header: _Header
+    height: _Whole
+    width: _Whole
+    fields: list[_PointField]
+    is_bigendian: Any
+    point_step: _Whole
+    row_step: _Whole
+    data: Any
+
+
+def _read(message: object, kind: type[T]) -> T:
+    """A ROS message, or nested dicts, as one of these records; InvalidMapError for another."""
+    try:
+        return msgspec.convert(message, kind, from_attributes=True)
+    except msgspec.ValidationError as error:
+        raise InvalidMapError(f"wanted another message of ROS: {error}") from None
 
 
 def as_occupancy(cost: NDArray[np.floating]) -> NDArray[np.int8]:
@@ -164,17 +268,15 @@ class OccupancyGrid:
 
         Raises InvalidMapError for another message, or a turned grid.
         """
-        width = _whole(message, "info.width")
-        height = _whole(message, "info.height")
-        values = _array(_field(message, "data"))
-        if width < 1 or height < 1 or values.size != width * height:
+        found = _read(message, _Grid)
+        info = found.info
+        values = _array(found.data)
+        if values.size != info.width * info.height:
             raise InvalidMapError(
-                f"wanted {height} × {width} whole numbers as data, got {values.shape}"
+                f"wanted {info.height} × {info.width} whole numbers as data, got {values.shape}"
             )
-        x, y = _corner(message, "info.origin")
-        side = _field(message, "info.resolution")
-        frame = MapFrame(side, x, y, frame_id=_field(message, "header.frame_id"))
-        return cls(values.reshape(height, width), frame)  # type: ignore[arg-type]  # checked there
+        frame = MapFrame(info.resolution, *info.origin.corner(), frame_id=found.header.frame_id)
+        return cls(values.reshape(info.height, info.width), frame)  # type: ignore[arg-type]  # checked there
 
     def __post_init__(self) -> None:
         values = _array(self.data)
@@ -221,36 +323,36 @@ class GridMap:
         Raises InvalidMapError for another message, a turned map, lengths that are no multiples of
         the resolution, or a layer of another layout.
         """
-        names = _items(message, "layers")
-        arrays = _items(message, "data")
-        known = {name for name in names if isinstance(name, str)}
-        if not len(known) == len(names) == len(arrays):
+        found = _read(message, _Layers)
+        names = found.layers
+        if not len(set(names)) == len(names) == len(found.data):
             raise InvalidMapError(
-                f"wanted a name for each of {len(arrays)} layers, got {shown(names)}"
+                f"wanted a name for each of {len(found.data)} layers, got {shown(names)}"
             )
 
         # the frame begins at the corner farthest along x and y
-        side = _real(message, "info.resolution")
-        lengths = [_real(message, f"info.length_{axis}") for axis in "xy"]
-        x, y = _corner(message, "info.pose")
-        frame_id = _field(message, "header.frame_id")
-        frame = MapFrame(side, x + 0.5 * lengths[0], y + 0.5 * lengths[1], True, frame_id)
+        info = found.info
+        side = info.resolution
+        lengths = (info.length_x, info.length_y)
+        x, y = info.pose.corner()
+        corner = (x + 0.5 * lengths[0], y + 0.5 * lengths[1])
+        frame = MapFrame(side, *corner, True, found.header.frame_id)
 
         rows, cols = (_cells(length, side) for length in lengths)
         if not (rows and cols):
             raise InvalidMapError(
                 f"a grid map's lengths must be multiples of {side} m above 0, got {lengths}"
             )
-        row = _whole(message, "outer_start_index")
-        col = _whole(message, "inner_start_index")
-        if not (0 <= row < rows and 0 <= col < cols):
+        row = found.outer_start_index
+        col = found.inner_start_index
+        if not (row < rows and col < cols):
             raise InvalidMapError(
                 f"a grid map's start must lie within {rows} × {cols} cells, got {(row, col)}"
             )
         layers = {}
-        for name, array in zip(names, arrays, strict=True):
-            ring = _ring(array, f"layer {name!r}", (rows, cols))
-            layers[str(name)] = np.roll(ring, (-row, -col), axis=(0, 1))
+        for name, layer in zip(names, found.data, strict=True):
+            ring = _ring(layer, f"layer {name!r}", (rows, cols))
+            layers[name] = np.roll(ring, (-row, -col), axis=(0, 1))
         return cls(layers, frame)
 
     def __post_init__(self) -> None:
@@ -304,17 +406,12 @@ def grid_map_patch(
     grid: GridMap,
     frame: MapFrame,
     layer: str = "elevation",
-    *,
-    cost: bool = False,
-    keep_known: bool = True,
 ) -> MapPatch:
-    """Make a grid map's layer new heights, or new costs, for the map that lies in `frame`; see
-    `placed`.
+    """Make a grid map's layer new heights for the map that lies in `frame`; see `placed`. Unknown
+    cells stay as the map has them.
     """
     values, row, col = placed(grid.layer(layer), grid.frame, frame)
-    if cost:
-        return MapPatch(row, col, cost=values, keep_known=keep_known)
-    return MapPatch(row, col, values, keep_known=keep_known)
+    return MapPatch(row, col, values, keep_known=True)
 
 
 @checked(InvalidMapError)
@@ -326,8 +423,9 @@ def cloud_patch(message: object, frame: MapFrame, shape: Shape) -> MapPatch:
     are left out. InvalidMapError for another message, fields x, y and z that are no floats, a frame
     of another name, or where no point lies on the map.
     """
-    _check_frame(_field(message, "header.frame_id"), frame)
-    x_y_z = _points(message)
+    cloud = _read(message, _Cloud)
+    _check_frame(cloud.header.frame_id, frame)
+    x_y_z = _points(cloud)
     cells = np.floor(frame.places(x_y_z[:2].T)).T
     inside = ((cells >= 0) & (cells < np.reshape(shape, (2, 1)))).all(axis=0)
     if not inside.any():
@@ -421,13 +519,11 @@ def _cells(length: float, side: float) -> int:
     return round(cells)
 
 
-def _ring(array: object, name: str, shape: Shape) -> Float2D:
+def _ring(layer: _Layer, name: str, shape: Shape) -> Float2D:
     """The cells of a layer as they lie in their ring; InvalidMapError for another layout."""
     rows, cols = shape
-    values = _array(_field(array, "data"))
-    layout = [
-        f"{_field(dim, 'label')} {_field(dim, 'size')}" for dim in _items(array, "layout.dim")
-    ]
+    values = _array(layer.data)
+    layout = [f"{dim.label} {dim.size}" for dim in layer.layout.dim]
     by_column = [f"column_index {cols}", f"row_index {rows}"]
     if layout not in (by_column, by_column[::-1]):
         wanted = " and ".join(by_column)
@@ -440,29 +536,30 @@ def _ring(array: object, name: str, shape: Shape) -> Float2D:
     return flat.reshape(cols, rows).T if layout == by_column else flat.reshape(rows, cols)
 
 
-def _points(message: object) -> Floats:
+def _points(cloud: _Cloud) -> Floats:
     """(3, N) x, y and z of a cloud's points, of those where all are finite."""
-    fields = {str(_field(each, "name")): each for each in _items(message, "fields")}
-    names = ("height", "width", "row_step", "point_step", "is_bigendian", "data")
-    rows, cols, row_step, step, swapped, data = (_field(message, name) for name in names)
+    shape = (cloud.height, cloud.width)
+    step = cloud.point_step
+    fields = {each.name: each for each in cloud.fields}
     try:
-        if row_step < cols * step:
+        if cloud.row_step < cloud.width * step:
             raise ValueError("rows that overlap")
         point = np.dtype(
             {
                 "names": list("xyz"),
-                "formats": [_POINTS[_field(fields[axis], "datatype")] for axis in "xyz"],
-                "offsets": [_field(fields[axis], "offset") for axis in "xyz"],
+                "formats": [_POINTS[fields[axis].datatype] for axis in "xyz"],
+                "offsets": [fields[axis].offset for axis in "xyz"],
                 "itemsize": step,
             }
-        ).newbyteorder(">" if swapped else "<")
-        cloud = np.ndarray((rows, cols), point, memoryview(data), strides=(row_step, step))
+        ).newbyteorder(">" if cloud.is_bigendian else "<")
+        strides = (cloud.row_step, step)
+        points = np.ndarray(shape, point, memoryview(cloud.data), strides=strides)
     except (KeyError, TypeError, ValueError, OverflowError):
         raise InvalidMapError(
-            f"wanted {rows} × {cols} points of {step} bytes with x, y and z as FLOAT32 or FLOAT64, "
-            f"got others, with {shown(list(fields))}"
+            f"wanted {cloud.height} × {cloud.width} points of {step} bytes with x, y and z as "
+            f"FLOAT32 or FLOAT64, got others, with {shown(list(fields))}"
         ) from None
-    x_y_z = np.array([cloud[axis].ravel() for axis in "xyz"], np.float64)
+    x_y_z = np.array([points[axis].ravel() for axis in "xyz"], np.float64)
     return x_y_z[:, np.isfinite(x_y_z).all(axis=0)]
 
 
@@ -480,50 +577,3 @@ def _pairs(values: ArrayLike) -> Float2D:
     if pairs.dtype.kind not in "iuf" or pairs.size % 2:
         raise InvalidQueryError(f"wanted pairs (N, 2) of numbers, got {shown(values)}")
     return pairs.reshape(-1, 2)
-
-
-def _field(message: object, path: str) -> Any:
-    """The value at a path of names in a message, or in nested dicts."""
-    found: Any = message
-    for name in path.split("."):
-        try:
-            found = found[name] if isinstance(found, Mapping) else getattr(found, name)
-        except (KeyError, AttributeError):
-            kind = type(message).__name__
-            raise InvalidMapError(
-                f"wanted a message with {path}, got a {kind} without {name}"
-            ) from None
-    return found
-
-
-def _real(message: object, path: str) -> float:
-    found = _field(message, path)
-    if not is_real(found):
-        raise InvalidMapError(f"{path} must be a number, got {shown(found)}")
-    return float(found)
-
-
-def _whole(message: object, path: str) -> int:
-    found = _real(message, path)
-    if not found.is_integer():
-        raise InvalidMapError(f"{path} must be a whole number, got {found}")
-    return int(found)
-
-
-def _items(message: object, path: str) -> list[object]:
-    """A sequence in a message."""
-    found = _field(message, path)
-    if isinstance(found, str | bytes | Mapping) or not isinstance(found, Iterable):
-        raise InvalidMapError(f"{path} must be a sequence, got {shown(found)}")
-    return list(found)
-
-
-def _corner(message: object, path: str) -> tuple[float, float]:
-    """x and y of a map's pose; InvalidMapError where the map is turned."""
-    turned = [_field(message, f"{path}.orientation.{axis}") for axis in "xyzw"]
-    for part, most in zip(turned, _LEVEL, strict=True):
-        if not (is_real(part) and abs(part) <= most):
-            raise InvalidMapError(
-                f"wanted a map that is not turned, got one with the orientation x, y, z, w {turned}"
-            )
-    return _real(message, f"{path}.position.x"), _real(message, f"{path}.position.y")

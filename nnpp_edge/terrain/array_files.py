@@ -156,46 +156,36 @@ class _Archive(zipfile.ZipFile):
 
     def cell(self) -> Sides | None:
         """Size and width of a cell; None where the archive does not say."""
-        size = self._number("cell_size_m", "cell_m")
-        width = self._number("cell_width_m")
-        if size is None and width is not None:
+        size = self._numbers("cell_size_m", 1) or self._numbers("cell_m", 1)
+        width = self._numbers("cell_width_m", 1)
+        if width and not size:
             raise TerrainError(
                 f"{self.path}: wanted cell_size_m beside cell_width_m, got cell_width_m alone"
             )
-        return None if size is None else (size, width or size)
+        return (size[0], (width or size)[0]) if size else None
 
     def place(self) -> Georeference | None:
         """Where the map lies, by the array `transform`; None where there is none."""
-        if "transform" not in self.names:
+        values = self._numbers("transform", 6)
+        if values is None:
             return None
-        promised = self.promised("transform")
-        got: object = promised.shape
-        if promised.shape == (6,) and promised.dtype.kind in "iuf":
-            a, b, c, d, e, f = values = self.array("transform").tolist()
-            if all(map(math.isfinite, values)) and a * e != b * d:
-                return Georeference(None, (a, b, c, d, e, f))
-            got = values
-        raise TerrainError(
-            f"{self.path}: transform must be 6 numbers (a, b, c, d, e, f) that place cells, "
-            f"got {got}"
-        )
+        a, b, c, d, e, f = values
+        if a * e == b * d:
+            raise TerrainError(f"{self.path}: transform must place cells apart, got {values}")
+        return Georeference(None, (a, b, c, d, e, f))
 
-    def _number(self, *names: str) -> float | None:
-        """The scalar under the first of `names` that is there, above 0 and finite; None without
-        one.
-        """
-        for name in names:
-            if name not in self.names:
-                continue
-            promised = self.promised(name)
-            got = f"{promised.dtype} {promised.shape}"
-            if promised.size == 1 and promised.dtype.kind in "iuf":
-                value = float(self.array(name).item())
-                if 0.0 < value < math.inf:
-                    return value
-                got = f"{value:g}"
-            raise TerrainError(f"{self.path}: {name} must be one number above 0, got {got}")
-        return None
+    def _numbers(self, name: str, count: int) -> list[float] | None:
+        """So many finite numbers under a name, a single one above 0; None where it is not there."""
+        if name not in self.names:
+            return None
+        promised = self.promised(name)
+        got: object = f"{promised.dtype} {promised.shape}"
+        if promised.size == count and promised.dtype.kind in "iuf":
+            got = values = self.array(name).ravel().tolist()
+            if all(map(math.isfinite, values)) and (count > 1 or values[0] > 0.0):
+                return values
+        wanted = "one number above 0" if count == 1 else "6 numbers (a, b, c, d, e, f)"
+        raise TerrainError(f"{self.path}: {name} must be {wanted}, got {got}")
 
 
 def _promised(file: IO[bytes]) -> Array:

@@ -5,7 +5,7 @@ import os
 import signal
 import threading
 import warnings
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, suppress
@@ -100,15 +100,13 @@ def make_dataset(
     folder: Path,
     *,
     workers: int | None = None,
-    make: Callable[[Recipe, Tiles, Sequence[int]], Shards] | None = None,
     progress: Progress = ignore,
 ) -> dict[str, int]:
     """Write what is missing of a data set; numbers of ``shards``, ``maps``, ``queries``, and of all
     shards (``of``).
 
-    The folder is made if need be; shards that are there are kept. `make` yields number and content
-    of each missing one as it is done, from the recipe, the terrain and the numbers; by default
-    `workers` processes do, one a core. `progress` is called with how many are done.
+    The folder is made if need be; shards that are there are kept, the others are made by `workers`
+    processes, by default one a core. `progress` is called with how many are done.
 
     Raises DataSetError, TerrainError or OutputError where the folder holds another set, damaged
     shards, or cannot be written to; terrain cannot be read, is too small or has no two cells to
@@ -128,7 +126,7 @@ def make_dataset(
 
     done = recipe.shards - len(missing)
     progress(done)
-    made = make(recipe, tiles, missing) if make else _shards_here(recipe, tiles, missing, workers)
+    made = _shards_here(recipe, tiles, missing, workers)
     try:
         with closing(made):
             for index, content in made:
@@ -211,9 +209,7 @@ def _check_shard(shard: Arrays, recipe: Recipe) -> None:
 def read_known(folder: Path) -> KnownMaps:
     """Read all maps of a data set that are known by their blocks; DataSetError where it cannot be
     read, or has none."""
-    recipe = read_recipe(folder)
-    if not recipe.known:
-        raise _other_kind(folder, known=True)
+    recipe = _recipe_of_kind(folder, known=True)
     return _joined(KnownMaps, folder, read_shards(folder, recipe))
 
 
@@ -229,9 +225,7 @@ class GrowingSet:
     def __init__(
         self, folder: Path, *, known: bool = False, size: int | None = None, make: bool = False
     ) -> None:
-        self.recipe = read_recipe(folder)
-        if self.recipe.known != known:
-            raise _other_kind(folder, known)
+        self.recipe = _recipe_of_kind(folder, known)
         self.folder = folder
         self.size = size
         self._read = 0
@@ -257,9 +251,11 @@ class GrowingSet:
 
     def growing(self) -> bool:
         """Whether shards are being made here; what went wrong with that is raised."""
-        if self._making is not None and self._making.done():
-            self._making.result()
-        return self._making is not None and not self._making.done()
+        making = self._making
+        if making is not None and making.done():
+            making.result()
+            return False
+        return making is not None
 
     def ready(self) -> int:
         """Number of shards up to the first that is missing."""
@@ -283,16 +279,13 @@ class _NotWantedError(Exception):
     """No more shards are wanted."""
 
 
-def _other_kind(folder: Path, known: bool) -> DataSetError:
-    """The error for a set of the other kind than wanted."""
-    if known:
-        return DataSetError(
-            f"{folder}: wanted maps that are known by their blocks (dataset --known), got others"
-        )
-    return DataSetError(
-        f"{folder}: wanted maps with queries, got maps that are known by their blocks "
-        "(--architecture unseen)"
-    )
+def _recipe_of_kind(folder: Path, known: bool) -> Recipe:
+    """As `read_recipe`; DataSetError for a set of the other kind, too."""
+    recipe = read_recipe(folder)
+    if recipe.known != known:
+        kinds = ["with queries", "that are known by their blocks (--known, for unseen)"]
+        raise DataSetError(f"{folder}: wanted maps {kinds[known]}, got maps {kinds[recipe.known]}")
+    return recipe
 
 
 def read_recipe(folder: Path) -> Recipe:
@@ -300,8 +293,6 @@ def read_recipe(folder: Path) -> Recipe:
     wanted = f"{folder}: wanted a data set's folder with {RECIPE_FILE}"
     with refused_as(DataSetError, wanted):
         stored = msgspec.json.decode((folder / RECIPE_FILE).read_bytes(), type=dict[str, object])
-        for former in ("allow_vrt", "vertical_scale"):  # older versions wrote them
-            stored.pop(former, None)
         of = stored.pop("format", None)
         if of != FORMAT:
             raise DataSetError(f"{folder}: wanted a data set of format {FORMAT}, got {of!r}")
@@ -313,9 +304,7 @@ def read_samples(folder: Path, most_maps: int | None = None, *, size: int | None
     maps of `size`.
 
     DataSetError where the set cannot be read, or has no maps of that size."""
-    recipe = read_recipe(folder)
-    if recipe.known:
-        raise _other_kind(folder, known=False)
+    recipe = _recipe_of_kind(folder, known=False)
     return _samples(folder, recipe, read_shards(folder, recipe), most_maps, size)
 
 

@@ -217,13 +217,9 @@ def raster_bytes(path: Path, array: npt.ArrayLike, place: Place) -> bytes:
     """A map of a place's cells, numbers or bools, as a float32 GeoTIFF whose masked cells are NaN.
 
     It is made in memory, as GDAL may meet a full disk in silence. OutputError, which names the file
-    to be written, where the shape or type does not fit, or GDAL cannot write it.
+    to be written, where GDAL cannot write it.
     """
     values = unmasked(array)
-    if values.shape != place.shape or values.dtype.kind not in "biuf":
-        raise OutputError(
-            f"{path}: wanted a {place.shape} array of numbers, got {values.shape} {values.dtype}"
-        )
     rasterio = optional_module("rasterio", f"writing {path.name}", "geo")
     with (
         refused_as(OutputError, f"{path}: could not be written"),

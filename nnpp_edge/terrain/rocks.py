@@ -26,8 +26,6 @@ _GREATEST_M = 3.0
 """Larger rocks cover less than 0.01 % of the ground even at the largest share."""
 _TABLE = 4096
 """Diameters at which the law is tabulated: counts are right to four digits or better."""
-_AT_ONCE = 4096
-"""Rocks that are worked out together."""
 
 
 class Rocks(NamedTuple):
@@ -110,21 +108,17 @@ def with_rocks(
 def rock_heights(shape: Shape, sides_m: Sides, rocks: Rocks) -> Float2D:
     """(H, W) metres by which rocks raise the cells of a map."""
     out = np.zeros(shape, np.float32)
-    height, width = shape
-    radii = 0.5 * rocks.diameters_m
-    reach = 0.5 + radii[:, None] / sides_m
-    first = np.ceil(rocks.places - reach).astype(np.int64)
-    sizes = np.floor(rocks.places + reach).astype(np.int64) - first + 1
-    for at in range(0, len(radii), _AT_ONCE):
-        cells = sizes[at : at + _AT_ONCE].prod(1)
-        rock = np.repeat(np.arange(at, at + len(cells)), cells)
-        within = np.arange(len(rock)) - np.repeat(np.cumsum(cells) - cells, cells)
-        row, col = first[rock].T + np.divmod(within, sizes[rock, 1])
-        away = np.abs(np.stack((row, col), axis=1) - rocks.places[rock])
-        down, across = (np.maximum(away - 0.5, 0.0) * sides_m).T
-        rest = radii[rock] ** 2 - down**2 - across**2
-        on_map = (row >= 0) & (row < height) & (col >= 0) & (col < width)
-        touched = on_map & (rest > 0.0)
-        raised = (2.0 * HEIGHT * np.sqrt(rest[touched])).astype(np.float32)
-        np.maximum.at(out.reshape(-1), (row * width + col)[touched], raised)
+    for middle, radius in zip(rocks.places, 0.5 * rocks.diameters_m, strict=True):
+        # the map's cells that it touches, and how far their nearest points are
+        reach = 0.5 + radius / np.array(sides_m)
+        first = np.maximum(np.ceil(middle - reach).astype(np.int64), 0)
+        end = np.floor(middle + reach).astype(np.int64) + 1
+        part = out[tuple(map(slice, first, end))]
+        down, across = (
+            np.maximum(np.abs(at + np.arange(count) - place) - 0.5, 0.0) * side
+            for at, count, place, side in zip(first, part.shape, middle, sides_m, strict=True)
+        )
+        rest = radius**2 - down[:, None] ** 2 - across**2
+        raised = 2.0 * HEIGHT * np.sqrt(np.maximum(rest, 0.0))
+        np.maximum(part, raised.astype(np.float32), out=part)
     return out

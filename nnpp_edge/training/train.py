@@ -310,8 +310,6 @@ class TrainingProcess:
             raise ModelError(f"{path}: wanted a checkpoint of {self.spec}, got one of {saved.spec}")
         self.network.load_state_dict(saved.network)
         self.progress = saved.progress
-        # older versions knew no score
-        self.progress.history = [row for row in saved.progress.history if "score" in row]
         self.origin = saved.origin | self.origin
         if saved.optimiser:
             self.optimiser.load_state_dict(saved.optimiser)

@@ -98,17 +98,6 @@ def do(op, name, kind, qos="default", **more):
         for made, free in ((timers, node.destroy_timer), (publishers, node.destroy_publisher)):
             if name in made:
                 free(made.pop(name))
-    elif op == "flood":
-        message = fill(kind_of(kind)(), more["message"])
-        publisher = node.create_publisher(kind_of(kind), name, SENSOR)
-        began = node.get_clock().now().nanoseconds
-        first, last = more["x"]
-        for n in range(more["count"]):
-            message.pose.pose.position.x = first + (last - first) * (n + 1) / more["count"]
-            publisher.publish(message)
-            while node.get_clock().now().nanoseconds - began < n * 1e9 / more["rate_hz"]:
-                pass
-        say(f"{name} flooded", (node.get_clock().now().nanoseconds - began) / 1e9)
     elif op == "call":
         client = clients.setdefault(name, node.create_client(kind_of(kind), name))
         client.wait_for_service(10.0)

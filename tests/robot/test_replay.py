@@ -2,7 +2,6 @@
 most.
 """
 
-import json
 import threading
 import time
 from contextlib import closing
@@ -72,7 +71,6 @@ def test_a_fast_replay_gives_the_same_answers_each_time(tmp_path, drive, method)
 def test_inputs_come_at_the_recorded_pace(tmp_path):
     now = [50.0]
     source = ReplaySource(scene(tmp_path / "scene.jsonl", ticks=3), clock=lambda: now[0])
-    assert source.messages == 7
     assert [type(m) for m in source.poll()] == [Goal, Pose, MapPatch]
     now[0] += 0.05
     assert not list(source.poll())
@@ -102,16 +100,8 @@ def test_a_recording_of_a_replay_is_the_replay(tmp_path, drive, navigator):
 def test_a_line_that_was_cut_off_is_left_out(tmp_path, caplog, cut, kept):
     path = scene(tmp_path / "scene.jsonl", ticks=5)
     path.write_bytes(path.read_bytes()[:-cut])
-    assert ReplaySource(path).messages == kept
+    assert len(list(read_recording(path))) == kept
     assert ("was cut off" in caplog.text) == (kept == 10)
-
-
-def test_at_full_speed_a_tick_gets_all_that_one_recorded_tick_got(tmp_path, drive):
-    patch = MapPatch(3, 0, cost=np.full((1, 60), 0.1))
-    path = recorded(tmp_path / "scene.jsonl", *[(float(n // 200), patch) for n in range(600)])
-    source = ReplaySource(path, fast=True)
-    ended = drive(Navigator(Ground(free())), source, rate_hz=2000.0, paced=False)
-    assert [m.map_version for m in ended.paths] == [200, 400, 600]
 
 
 def test_a_recording_that_is_damaged_while_it_is_played_is_a_failure(tmp_path):
@@ -252,18 +242,3 @@ def test_on_a_full_disk_nothing_follows_the_line_that_was_cut(tmp_path, monkeypa
             recorder.record(Pose(3, 4), 0.1)
     recorder.close()
     assert list(read_recording(recorder.path)) == kept
-
-
-def test_a_recording_is_plain_json(tmp_path):
-    lines = scene(tmp_path / "scene.jsonl", ticks=1).read_text().splitlines()
-    goal = {
-        "at": 0.0,
-        "v": 1,
-        "type": "goal",
-        "row": 35,
-        "col": 55,
-        "stamp": 0.0,
-        "heading_deg": None,
-    }
-    assert json.loads(lines[0]) == {"v": 1, "type": "recording", "map": [40, 60]}
-    assert json.loads(lines[1]) == goal

@@ -89,9 +89,7 @@ def test_the_outline_of_a_body_lies_along_its_path(tmp_path):
         sink.publish(PathMessage(2, Status.OK, Origin.FULL, line, **driven))
         sink.publish(PathMessage(3, Status.NO_PATH, Origin.NONE))
     outlines, backwards, none = read(tmp_path / "loop.rrd")["/map/body"]["strips"]
-    front, *corners, _, _ = outlines[0]
-    assert (front, backwards[0][0]) == ([9.5, 5.5], [1.5, 5.5]) and not none
-    assert sorted(corners) == [[1.5, 4.5], [1.5, 6.5], [9.5, 4.5], [9.5, 6.5]]
+    assert (outlines[0][0], backwards[0][0]) == ([9.5, 5.5], [1.5, 5.5]) and not none
 
 
 @pytest.mark.parametrize(

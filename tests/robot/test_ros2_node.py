@@ -146,14 +146,7 @@ def framed(kind, frame_id, **fields):
 
 BAD = (
     ("map", grid(resolution=math.nan), "resolution must be metres above 0, got nan"),
-    ("map", grid(resolution=0.0), "resolution must be metres above 0, got 0.0"),
-    ("map", grid(resolution=math.inf), "resolution must be metres above 0, got inf"),
     ("map", grid(20, 30, resolution=1e-9), "wanted cells of at least 0.003 m for a vehicle of 0.6"),
-    ("map", grid(origin=at(1e300, 0.0)), "the map's corner must be finite, within 2.5e+11 m"),
-    ("map", grid(origin=at(0.0, math.nan)), "the map's corner must be finite, within 2.5e+11 m"),
-    ("map", grid(origin=at(0.0, 0.0, z=1.0, w=0.0)), "wanted a map that is not turned"),
-    ("map", grid(origin=at(0.0, 0.0, w=math.nan)), "wanted a map that is not turned"),
-    ("map", grid(width=0), "wanted 40 × 0 whole numbers as data"),
     ("map", grid(width=2**32 - 1), "wanted 40 × 4294967295 whole numbers as data"),
     (
         "map",

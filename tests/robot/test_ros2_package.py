@@ -3,15 +3,14 @@ needed.
 """
 
 import ast
-import re
 import runpy
 import sys
-import tomllib
 from configparser import ConfigParser
 from pathlib import Path
 from unittest.mock import MagicMock
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 import yaml
 
@@ -19,6 +18,7 @@ from nnpp_edge.robot.ros2 import answers, inputs
 from nnpp_edge.robot.ros2.grounds import first_ground
 from nnpp_edge.robot.ros2.parameters import NAMES, checked
 from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.terrain.dem import read_dem
 
 PACKAGE = Path(__file__).parents[2] / "deploy/ros2/nnpp_edge_ros"
 ROBOTS = ("car", "rover", "tracked")
@@ -35,6 +35,20 @@ def test_a_robots_parameters_make_a_ground(robot):
     assert loop.approach and frame.frame_id == own.global_frame
     assert ground.shape == (round(own.map_size_m / own.resolution),) * 2
     assert (ground.vehicle.turning_radius_m is not None) == (robot == "car")
+
+
+@pytest.mark.parametrize("axes", [(0.25, 0.0, 0.0, 0.25), (0.0, 0.25, 0.25, 0.0)])
+@pytest.mark.parametrize("signs", [(1, 1), (1, -1), (-1, 1), (-1, -1)])
+def test_of_a_map_file_every_cell_stays_where_it_lies(tmp_path, axes, signs):
+    """However its rows and columns run."""
+    heights = np.arange(6.0).reshape(2, 3)
+    (a, b, d, e), (x, y) = axes, signs
+    place = (x * a, x * b, 7.0, y * d, y * e, -3.0)
+    np.savez(tmp_path / "map.npz", elevation_m=heights, cell_size_m=0.25, transform=place)
+    ground, frame = first_ground(checked({"map_file": str(tmp_path / "map.npz")})[0])
+    dem = read_dem(tmp_path / "map.npz")
+    for cell, height in np.ndenumerate(heights):
+        assert ground.elevation[frame.cell(*dem.map_coordinates(*cell))] == height
 
 
 def test_the_package_installs_its_files_and_an_entry_point(monkeypatch):
@@ -97,19 +111,6 @@ def test_the_launch_file_starts_the_node_with_a_robots_parameters(monkeypatch):
     assert tuple(argument.kwargs["choices"]) == ROBOTS
     joined = sys.modules["launch.substitutions"].PathJoinSubstitution.call_args.args[0]
     assert joined[0] == str(PACKAGE / "config")
-
-
-def test_an_environment_that_runs_pytest_has_what_its_options_need():
-    root = PACKAGE.parents[2]
-    extras = tomllib.loads((root / "pyproject.toml").read_text())["project"][
-        "optional-dependencies"
-    ]
-    assert any(each.startswith("pytest-xdist") for each in extras["test"])  # --dist
-    assert ",test]" in extras["dev"][0]
-    makefile = (root / "Makefile").read_text()
-    for name in re.findall(r"\$\((\w+)\)/bin/python -m pytest", makefile):
-        installed = re.search(rf"\$\({name}\)/bin/pip install .*'\.\[(.*)\]'", makefile)[1]
-        assert {"test", "dev"} & set(installed.split(","))
 
 
 BAD = (

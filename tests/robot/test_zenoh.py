@@ -42,11 +42,11 @@ def heard(sample):
         print(sample.key_expr, sample.payload.to_string(), flush=True)
 
 with zenoh.open(config) as session:
-    subscriber = session.declare_subscriber("robot/7/**", heard)
+    subscriber = session.declare_subscriber("nnpp_edge/**", heard)
     print("listening", flush=True)
     for line in sys.stdin:
         key, _, payload = line.rstrip("\\n").partition(" ")
-        session.put("robot/7/" + key, payload, congestion_control=zenoh.CongestionControl.BLOCK)
+        session.put("nnpp_edge/" + key, payload, congestion_control=zenoh.CongestionControl.BLOCK)
 """
 
 
@@ -59,7 +59,7 @@ def free_endpoint():
 @pytest.fixture
 def link():
     """A session that another process can reach."""
-    with closing(ZenohLink(endpoint := free_endpoint(), prefix="robot/7")) as link:
+    with closing(ZenohLink(endpoint := free_endpoint())) as link:
         link.endpoint = endpoint
         yield link
 
@@ -88,7 +88,7 @@ class Peer:
         self.process.stdout.close()
 
     def of(self, topic):
-        heard = [text for key, text in list(self.heard) if key == f"robot/7/{topic}"]
+        heard = [text for key, text in list(self.heard) if key == f"nnpp_edge/{topic}"]
         return [decode_output(text.encode()) for text in heard]
 
     def _listen(self):
@@ -109,12 +109,7 @@ def listening(link, navigator, peer):
     """A source of this mailbox that the other process has found."""
 
     def start(mailbox):
-        source = ZenohSource(
-            link,
-            Refusals(navigator.count_error),
-            navigator.count_error,
-            mailbox=mailbox,
-        )
+        source = ZenohSource(link, Refusals(navigator.count_error), mailbox=mailbox)
 
         def known():
             peer.send("goal", encode(Goal(0, 0)))
@@ -136,7 +131,7 @@ def test_a_path_goes_to_and_fro_between_two_processes_and_what_makes_no_sense_is
     mailbox = Mailbox()
     ended = []
     sink = ZenohSink(link, refusals)
-    source = ZenohSource(link, refusals, navigator.count_error, mailbox=mailbox, limit=1000)
+    source = ZenohSource(link, refusals, mailbox=mailbox, limit=1000)
     thread = threading.Thread(target=lambda: ended.append(drive(navigator, source, [sink])))
     bad = [
         ("pose", "garbage", "JSON is malformed"),
@@ -221,7 +216,7 @@ def test_a_listener_that_runs_out_of_memory_is_a_failure(listening):
 
 
 def test_connections_that_say_nothing_keep_nobody_out(link, navigator):
-    source = ZenohSource(link, Refusals(navigator.count_error), navigator.count_error)
+    source = ZenohSource(link, Refusals(navigator.count_error))
     host, port = link.endpoint.removeprefix("tcp/").split(":")
     taken = []
 
@@ -254,19 +249,13 @@ def test_a_session_that_cannot_be_opened_is_refused_in_one_line(link):
     assert "\n" not in str(raised.value)
 
 
-@pytest.mark.parametrize("prefix", ["", "/a", "a/*", "a//b", "a b"])
-def test_a_prefix_that_makes_no_topic_is_refused(prefix):
-    with pytest.raises(InvalidQueryError, match="prefix"):
-        ZenohLink(prefix=prefix)
-
-
 def test_it_may_go_to_another_instead_of_listening(link, navigator):
     heard = []
     subscriber = link.session.declare_subscriber(
-        "robot/7/path",
+        "nnpp_edge/path",
         lambda s: heard.append(s.payload.to_bytes()),
     )
-    with closing(ZenohLink(connect=link.endpoint, prefix="robot/7")) as other:
+    with closing(ZenohLink(connect=link.endpoint)) as other:
         sink = ZenohSink(other)
         message = navigator.tick()
         wait_until(lambda: sink.publish(message) or heard)
@@ -283,7 +272,7 @@ def test_the_client_in_the_documentation_receives_a_path_as_it_stands():
     command = [sys.executable, "-c", client.replace(LOOPBACK, endpoint)]
     navigator = Navigator(Ground(free((80, 90))), "astar")
     with closing(ZenohLink(endpoint)) as link:
-        source = ZenohSource(link, Refusals(navigator.count_error), navigator.count_error)
+        source = ZenohSource(link, Refusals(navigator.count_error))
         loop = Loop(navigator, source, [ZenohSink(link)], rate_hz=100.0)
         thread = threading.Thread(target=loop.run)
         thread.start()

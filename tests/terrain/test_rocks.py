@@ -41,12 +41,6 @@ def test_numbers_and_covered_ground_follow_the_law():
         ground = 0.25 * math.pi * drawn.diameters_m**2
         wanted = float(covered_share(cover, least) - covered_share(cover, greatest)) * area
         assert ground.sum() == pytest.approx(wanted, abs=4.0 * math.sqrt((ground**2).sum()))
-        middle = math.sqrt(least * greatest)
-        more = int((drawn.diameters_m >= middle).sum())
-        assert more == pytest.approx(
-            quad(density, middle, greatest)[0] * area,
-            abs=4.0 * math.sqrt(more + 9.0),
-        )
 
 
 def test_a_rock_raises_the_cells_that_it_touches_by_its_greatest_height_over_each():

@@ -202,9 +202,8 @@ def test_gpx_holds_the_track_where_the_map_lies_on_the_earth(tmp_path):
         layer="track_points",
         columns=["ele"],
     )
-    x, y = struct.unpack("<dd", shapes[0][5:21])
-    lon, lat = lonlat_of(dem(), places_of(dem(), np.array([(3.0, 4.0)])))[0]
-    assert (x, y) == (pytest.approx(lon, abs=1e-8), pytest.approx(lat, abs=1e-8))
+    there = lonlat_of(dem(), places_of(dem(), np.array([(3.0, 4.0)])))[0]
+    assert struct.unpack("<dd", shapes[0][5:21]) == pytest.approx(there, abs=1e-8)
     names = pyogrio.raw.read(tmp_path / "a.gpx", layer="waypoints", columns=["name"])[3][0].tolist()
     assert names == ["camp", "goal"] and heights.tolist() == [4.0, 5.0, 6.0]
     with pytest.raises(InvalidQueryError, match="on the Earth"):
@@ -262,17 +261,16 @@ def test_geojson_without_a_system_is_taken_in_the_map_s_on_another_body(tmp_path
     assert "names no coordinate system: taken in the map's own" in word
 
 
+NAMED = """{"type": "FeatureCollection", "features": [
+    {"type": "Feature", "properties": {"Name": "camp"},
+     "geometry": {"type": "Point", "coordinates": [-94.1, 45.1]}},
+    {"type": "Feature", "properties": {"Name": null},
+     "geometry": {"type": "Point", "coordinates": [-94.1, 45.1]}},
+    {"type": "Feature", "properties": {"Name": "rim"},
+     "geometry": {"type": "Point", "coordinates": [-94.2, 45.2]}}]}"""
+
+
 def test_points_have_the_names_of_their_layer(tmp_path):
-    features = [
-        {
-            "type": "Feature",
-            "properties": {"Name": name},
-            "geometry": {"type": "Point", "coordinates": place},
-        }
-        for name, place in zip(("camp", None, "rim"), PLACES, strict=True)
-    ]
-    named = {"crs": {"type": "name", "properties": {"name": UTM}}}
-    path = tmp_path / "a.geojson"
-    path.write_text(json.dumps({"type": "FeatureCollection", "features": features} | named))
-    assert points_of(str(path), dem()).names == ["camp", "", "rim"]
+    (tmp_path / "a.geojson").write_text(NAMED)
+    assert points_of(str(tmp_path / "a.geojson"), dem()).names == ["camp", "", "rim"]
     assert points_of(write(tmp_path / "a.gpkg", PLACES), dem()).names == [""] * 3

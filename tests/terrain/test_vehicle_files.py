@@ -2,8 +2,6 @@
 words.
 """
 
-from dataclasses import fields
-
 import pytest
 
 from nnpp_edge.runtime import (
@@ -47,17 +45,6 @@ def test_a_vehicle_has_what_stands_in_its_file_and_defaults_else(write_toml):
     assert found == Vehicle(1.5, 1.0, 0.3, axles=4, unknown_passes=True, max_roll_deg=15.0)
     assert load_vehicle(str(write_toml(BODY))) == Vehicle(1.5, 1.0, 0.3)
     assert load_vehicle(write_toml("radius_m = 0.5")) == Vehicle(radius_m=0.5)
-
-
-def test_every_field_of_a_vehicle_may_stand_in_its_file(write_toml):
-    values = {"unknown_passes": "true", "turns_on_spot": "true", "axles": "3"}
-    values |= dict.fromkeys(("length_m", "width_m"), "9.0")
-    values["reserve"] = "0.25"
-    values |= dict.fromkeys(("max_tilt_deg", "max_pitch_deg", "max_roll_deg"), "12.5")
-    names = [field.name for field in fields(Vehicle) if field.name != "radius_m"]
-    text = "\n".join(f"{name} = {values.get(name, '1.25')}" for name in names)
-    found = load_vehicle(write_toml(text))
-    assert {getattr(found, name) for name in names} == {True, 3, 9.0, 1.25, 12.5, 0.25}
 
 
 def test_a_mobility_has_what_stands_in_its_tables_and_defaults_else(write_toml):

@@ -15,7 +15,7 @@ from nnpp_edge.model.registry import Spec
 from nnpp_edge.terrain.dataset import GrowingSet, make_dataset, read_samples
 from nnpp_edge.terrain.known import KnownMaps
 from nnpp_edge.training import train as training
-from nnpp_edge.training.batches import POSITIONS, Batches, turned, turned_ends
+from nnpp_edge.training.batches import POSITIONS, Batches, turned
 from nnpp_edge.training.checkpoint import TrainSettings, load_checkpoint
 from tests.training.conftest import RECIPE, SMALL, enlarged
 
@@ -89,19 +89,6 @@ def test_batches_and_what_a_network_is_shown_are_made_on_the_device_that_trains(
     assert {each.device for each in (maps, facts, targets, answers)} == {meta}
     assert answers.shape == targets.shape
     assert bool(pinned) == streamed
-
-
-@pytest.mark.parametrize("turn", range(POSITIONS))
-def test_a_position_turns_map_ends_and_labels_alike(turn):
-    """A mark in the map, one in the labels of half the resolution, and the end at the mark."""
-    cells = torch.zeros(1, 8, 8)
-    cells[0, 2, 7] = 1.0
-    labels = torch.zeros(1, 4, 4)
-    labels[0, 1, 3] = 1.0
-    ends = np.array([[[2.0, 7.0], [0.0, 0.0]]], np.float32)
-    row, col = turned_ends(ends, np.array([turn]), 8)[0, 0].astype(int).tolist()
-    assert turned(cells, turn)[0, row, col] == 1.0
-    assert turned(labels, turn)[0, row // 2, col // 2] == 1.0
 
 
 def test_the_eight_positions_differ():

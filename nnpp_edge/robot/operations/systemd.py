@@ -15,8 +15,7 @@ _LONGEST_STATUS = 200
 
 
 class Notifier:
-    """Notifies the service manager, to which it is a sink; without one, every call does nothing and
-    returns False.
+    """Notifies the service manager, to which it is a sink; without one, every call does nothing.
 
     No call raises or waits: a notification that cannot be sent is dropped, with a warning the first
     time.
@@ -42,19 +41,16 @@ class Notifier:
         process.
         """
 
-    def ready(self) -> bool:
+    def ready(self) -> None:
         """The loop is about to start."""
-        return self._send("READY=1")
+        self._send("READY=1")
 
-    def alive(self) -> bool:
-        """The planning loop has ended a tick. True if that was sent: at most every half of the
-        watchdog's time.
-        """
+    def alive(self) -> None:
+        """The planning loop has ended a tick: sent at most every half of the watchdog's time."""
         now = time.monotonic()
-        if self.watchdog_s is None or now - self._last < 0.5 * self.watchdog_s:
-            return False
-        self._last = now
-        return self._send("WATCHDOG=1")
+        if self.watchdog_s is not None and now - self._last >= 0.5 * self.watchdog_s:
+            self._last = now
+            self._send("WATCHDOG=1")
 
     def publish(self, message: Output) -> None:
         """Of a status message a line for ``systemctl status``: unprintable characters become
@@ -65,26 +61,24 @@ class Notifier:
             line = " ".join(text.split())
             self._send("STATUS=" + line[:_LONGEST_STATUS])
 
-    def stopping(self) -> bool:
+    def stopping(self) -> None:
         """The process is about to end."""
-        return self._send("STOPPING=1")
+        self._send("STOPPING=1")
 
     def close(self) -> None:
         """Close the socket: nothing more is sent."""
         self._address = b""
         self._socket.close()
 
-    def _send(self, text: str) -> bool:
+    def _send(self, text: str) -> None:
         if not self._address:
-            return False
+            return
         try:
             self._socket.sendto(text.encode(errors="replace"), self._address)
         except OSError as error:
             if not self._warned:
                 _LOG.warning("the service manager cannot be notified: %s", error.strerror or error)
             self._warned = True
-            return False
-        return True
 
 
 def _watchdog_s() -> float | None:

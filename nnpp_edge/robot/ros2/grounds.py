@@ -89,10 +89,6 @@ def _laid_out(dem: Dem, frame_id: str) -> tuple[Float2D, MapFrame]:
     if b or d or abs(a) != abs(e):
         raise InvalidQueryError("map_file: wanted square cells along the axes, got others")
     rows, cols = heights.shape
-    if a < 0.0:
-        heights = heights[:, ::-1]
-        x += a * cols
-    if e < 0.0:
-        heights = heights[::-1]
-        y += e * rows
-    return np.ascontiguousarray(heights), MapFrame(side, x, y, frame_id=frame_id)
+    heights = heights[:: 1 if e > 0.0 else -1, :: 1 if a > 0.0 else -1]
+    corner = (x + min(a, 0.0) * cols, y + min(e, 0.0) * rows)
+    return np.ascontiguousarray(heights), MapFrame(side, *corner, frame_id=frame_id)

@@ -26,7 +26,7 @@ class Refusals:
     """
 
     def __init__(self, count_error: CountError) -> None:
-        self._count_error = count_error
+        self.count_error = count_error
         self._lock = threading.Lock()
         self._faults: deque[Fault] = deque(maxlen=_MOST_FAULTS)
         self.count = 0
@@ -37,7 +37,7 @@ class Refusals:
             self.count += 1
             fault = Fault(str(error), self.count)
             self._faults.append(fault)
-        self._count_error("input")
+        self.count_error("input")
         if fault.count <= _LOGGED:
             more = "" if fault.count < _LOGGED else " (further ones are only counted)"
             _LOG.warning("an input was refused: %s%s", error, more)

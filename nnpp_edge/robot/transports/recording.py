@@ -77,8 +77,8 @@ class ReplaySource:
     ) -> None:
         self._fast = fast
         self._clock = clock
-        self.messages = sum(1 for _ in read_recording(path, shape))
-        """Number of messages in the recording."""
+        for _ in read_recording(path, shape):  # to its end, for what is wrong there
+            pass
         self._rest = read_recording(path, shape)
         self._next = next(self._rest, None)
         self._began: float | None = None

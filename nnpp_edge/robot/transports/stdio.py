@@ -4,11 +4,10 @@ themselves.
 
 import io
 import os
-import select
 import sys
 import threading
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, BinaryIO
+from typing import BinaryIO
 
 from nnpp_edge.robot.transports.incoming import MailboxSource, Refusals
 from nnpp_edge.robot.transports.wire import LIMIT_BYTES, WireError, encode
@@ -16,9 +15,6 @@ from nnpp_edge.robot.transports.wiring import Setup
 from nnpp_edge.runtime.errors import OutputError
 from nnpp_edge.runtime.loop.connections import Mailbox
 from nnpp_edge.runtime.loop.messages import Output
-
-if TYPE_CHECKING:
-    from _typeshed import WriteableBuffer as Buffer
 
 _CHUNK = 1 << 16
 
@@ -37,15 +33,6 @@ def messages(stream: BinaryIO, limit: int = LIMIT_BYTES) -> Iterator[bytes | Wir
             yield line
 
 
-class _Waiting(io.FileIO):
-    """A descriptor that is waited for, also where the parent process made it non-blocking."""
-
-    def readinto(self, buffer: "Buffer", /) -> int:
-        while (count := super().readinto(buffer)) is None:
-            select.select([self], [], [])
-        return count
-
-
 class StdioSource(MailboxSource):
     """Reads messages, each a line, from a file descriptor in a thread of its own.
 
@@ -62,7 +49,8 @@ class StdioSource(MailboxSource):
         mailbox: Mailbox | None = None,
     ) -> None:
         super().__init__(refusals, limit, mailbox)
-        stream = io.BufferedReader(_Waiting(descriptor, closefd=False), _CHUNK)
+        os.set_blocking(descriptor, True)  # the parent process may have made it another
+        stream = io.BufferedReader(io.FileIO(descriptor, closefd=False), _CHUNK)
         threading.Thread(
             target=self._read,
             args=[stream],
@@ -90,6 +78,7 @@ class StdioSink:
 
     def __init__(self, refusals: Refusals | None = None, *, descriptor: int = 1) -> None:
         self._refusals = refusals
+        os.set_blocking(descriptor, True)
         self._descriptor = descriptor
         self._broken = False
 
@@ -106,10 +95,7 @@ class StdioSink:
         content = memoryview(b"".join(encode(each) + b"\n" for each in (*faults, message)))
         try:
             while content:
-                try:
-                    content = content[os.write(self._descriptor, content) :]
-                except BlockingIOError:
-                    select.select([], [self._descriptor], [])
+                content = content[os.write(self._descriptor, content) :]
         except BrokenPipeError as error:
             self._broken = True
             raise OutputError(

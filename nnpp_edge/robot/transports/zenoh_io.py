@@ -15,7 +15,6 @@ from nnpp_edge.robot.transports.wiring import Setup
 from nnpp_edge.runtime.errors import InvalidQueryError, optional_module
 from nnpp_edge.runtime.loop.connections import Mailbox
 from nnpp_edge.runtime.loop.messages import Output, PathMessage
-from nnpp_edge.runtime.loop.workers import CountError
 from nnpp_edge.runtime.reading import refused_as
 
 if TYPE_CHECKING:
@@ -23,6 +22,8 @@ if TYPE_CHECKING:
 
 LOOPBACK = "tcp/127.0.0.1:7448"
 """Not Zenoh's own port, 7447: there ROS' router listens, rmw_zenohd."""
+PREFIX = "nnpp_edge"
+"""The first part of all topics."""
 _PATIENCE_S = 1.0
 _CONFIGURATION = {
     "mode": "peer",
@@ -41,8 +42,7 @@ class ZenohLink:
     """A Zenoh session without discovery: it listens at `endpoint` (``tcp/ADDRESS:PORT``, by default
     the loopback interface), or connects to a router or peer, again and again until that succeeds.
 
-    `prefix` is the first part of all topics. InvalidQueryError where the session cannot be opened,
-    or the prefix makes no topic; MissingExtraError without Zenoh.
+    InvalidQueryError where the session cannot be opened, MissingExtraError without Zenoh.
     """
 
     def __init__(
@@ -50,12 +50,8 @@ class ZenohLink:
         endpoint: str = LOOPBACK,
         *,
         connect: str | None = None,
-        prefix: str = "nnpp_edge",
     ) -> None:
         self.zenoh = optional_module("zenoh", "a Zenoh session", "robot")
-        if not all(prefix.split("/")) or any(c in prefix for c in "*$?# "):
-            raise InvalidQueryError(f"the prefix must be words joined by /, got {prefix!r}")
-        self.prefix = prefix
         place = "connect/endpoints" if connect else "listen/endpoints"
         values = _CONFIGURATION | {"listen/endpoints": []} | {place: [connect or endpoint]}
         config = self.zenoh.Config()
@@ -85,33 +81,30 @@ class ZenohSource(MailboxSource):
     """Inputs from Zenoh's topics. If patches come faster than the loop reads them, the oldest are
     dropped.
 
-    `count_error` is called with ``input dropped`` for each; messages that are refused are added to
-    `refusals`. Zenoh's own thread decodes them, and receives no more meanwhile: they do not pile
-    up, their senders wait.
+    Each is counted as ``input dropped``; messages that are refused are added to `refusals`. Zenoh's
+    own thread decodes them, and receives no more meanwhile: they do not pile up, their senders
+    wait.
     """
 
     def __init__(
         self,
         link: ZenohLink,
         refusals: Refusals,
-        count_error: CountError,
         *,
         limit: int = LIMIT_BYTES,
         mailbox: Mailbox | None = None,
     ) -> None:
         super().__init__(refusals, limit, mailbox)
         self.link = link
-        self._count_error = count_error
         self._subscribers = []
         for topic in ("patch", "pose", "goal"):
             handler = link.zenoh.handlers.Callback(partial(self._hear, topic), indirect=False)
-            subscriber = link.session.declare_subscriber(f"{link.prefix}/{topic}", handler)
+            subscriber = link.session.declare_subscriber(f"{PREFIX}/{topic}", handler)
             self._subscribers.append(subscriber)
 
     @classmethod
     def open(cls, place: str, setup: Setup) -> "ZenohSource":
-        count_error = setup.navigator.count_error
-        return cls(ZenohLink.open(place, setup), Refusals(count_error), count_error)
+        return cls(ZenohLink.open(place, setup), Refusals(setup.navigator.count_error))
 
     def close(self) -> None:
         """End the session."""
@@ -120,7 +113,7 @@ class ZenohSource(MailboxSource):
     def _hear(self, topic: str, sample: "zenoh.Sample") -> None:
         with self._reading():
             for _ in range(self._take(sample.payload.to_bytes(), "drop oldest", topic)):
-                self._count_error("input dropped")
+                self.refusals.count_error("input dropped")
 
 
 class ZenohSink:
@@ -135,7 +128,7 @@ class ZenohSink:
         self._refusals = refusals
         self._publishers = {
             topic: link.session.declare_publisher(
-                f"{link.prefix}/{topic}",
+                f"{PREFIX}/{topic}",
                 encoding=link.zenoh.Encoding.APPLICATION_JSON,
                 congestion_control=link.zenoh.CongestionControl.DROP,
             )
