@@ -330,9 +330,10 @@ class DynamicPlanner(OnMap):
         """Load what puts a patch into the map and checks a path, by a patch that shows nothing."""
         state = self._state
         cell = (0, 0, 1, 1)
-        put = state.update_elevation if state.has_heights else state.update
+        heights = state.heights is not None
+        put = state.update_elevation if heights else state.update
         put(0, 0, np.ones((1, 1), np.float32), np.zeros((1, 1), np.bool_))
-        state.grid.robot.follow(Change(cell, 0), cell, state, heights=state.has_heights)
+        state.grid.robot.follow(Change(cell, 0), cell, state, heights=heights)
         self._path.prepare()
 
     @checked(InvalidQueryError)
