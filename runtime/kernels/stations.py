@@ -119,10 +119,8 @@ def _moved(ground, tiles, stations, stage, until):
     for k in range(1, n):
         if late(until):
             return stations
-        _, _, length = way_of(leg_between(stations, k - 1, k))
-        samples = max(int64(0.5 * stage.samples * length + 0.5), 1)
-        _sum_between(ground, tiles, places, k, samples, sums)
-        _leg_costs(ground, places, k, sums, samples, costs, legs)
+        _sum_between(ground, tiles, places, k, stage.samples, sums)
+        _leg_costs(ground, places, k, sums, stage.samples, costs, legs)
         _choose(ground, places, k, legs, sums[_NEAR], costs, before)
     j = costs[n - 1].argmin()
     if not costs[n - 1, j] < inf:
