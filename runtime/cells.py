@@ -86,9 +86,11 @@ def holding(cells: NDArray[np.signedinteger]) -> Rectangle:
 
 def common(one: Rectangle, other: Rectangle) -> Rectangle | None:
     """The common part of two rectangles; None where there is none."""
-    rows = range(max(one[0], other[0]), min(one[0] + one[2], other[0] + other[2]))
-    cols = range(max(one[1], other[1]), min(one[1] + one[3], other[1] + other[3]))
-    return (rows.start, cols.start, len(rows), len(cols)) if rows and cols else None
+    row = max(one[0], other[0])
+    col = max(one[1], other[1])
+    rows = min(one[0] + one[2], other[0] + other[2]) - row
+    cols = min(one[1] + one[3], other[1] + other[3]) - col
+    return (row, col, rows, cols) if rows > 0 and cols > 0 else None
 
 
 def apart(part: Rectangle, cell: tuple[int, int]) -> int:
