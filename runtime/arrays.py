@@ -52,8 +52,6 @@ def as_map(array: ArrayLike, name: str, dtype: type[Float] = np.float32) -> NDAr
     Masked cells become NaN, which is unknown wherever a map is read.
     """
     values = numbers(array, name)
-    if values.dtype == dtype:
-        return np.ascontiguousarray(values)
     try:
         with np.errstate(over="raise"):
             return np.ascontiguousarray(values, dtype)

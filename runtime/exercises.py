@@ -48,13 +48,16 @@ def parts() -> list[Callable[[], None]]:
     rises = np.random.default_rng(0).normal(0.0, 0.1, (150, 24))
     dem = np.cumsum(rises, axis=1).astype(np.float32)
     dem[3, 4] = np.nan
-    point = partial(_exercise_elevations, dem, network)
-    body = partial(_exercise_elevations, dem, network, _BODY)
-    by_slope = [
-        partial(_exercise_elevations, dem, network, vehicle, "tobler") for vehicle in (None, _BODY)
+    elevations = partial(_exercise_elevations, dem, network)
+    return [
+        elevations,
+        partial(elevations, _BODY),
+        partial(elevations, None, "tobler"),
+        partial(elevations, _BODY, "tobler"),
+        partial(_exercise_kernels, dem, network),
+        partial(_exercise_body_kernels, dem),
+        partial(_exercise_costs, network),
     ]
-    kernels = partial(_exercise_kernels, dem, network), partial(_exercise_body_kernels, dem)
-    return [point, body, *by_slope, *kernels, partial(_exercise_costs, network)]
 
 
 def _exercise_elevations(

@@ -35,7 +35,7 @@ from numba.core.caching import NullCache
 from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 
-from nnpp_edge.runtime.compiled import claims, notice, places
+from nnpp_edge.runtime.compiled import places
 from nnpp_edge.runtime.stopwatch import preparing
 
 NumbaObject = Any
@@ -98,6 +98,8 @@ class KernelCache(NullCache):
         preparing.begins()
         target_context.refresh()
         key = self._key(sig, target_context.codegen())
+        from nnpp_edge.runtime.compiled import claims, notice
+
         claims.take(_digest(key))
         kept = self._find(key, target_context)
         if kept is not None:
@@ -132,6 +134,8 @@ class KernelCache(NullCache):
 
     def save_overload(self, sig: NumbaObject, data: NumbaObject) -> None:
         """Keep the compiled version `data` for `sig`, unless it holds addresses of this process."""
+        from nnpp_edge.runtime.compiled import claims
+
         if _compiling:
             _compiling.pop().cancel()
         key = self._key(sig, data.codegen)

@@ -411,8 +411,10 @@ def corners(path):
     last = len(path) - 1
     for k in range(len(path)):
         if 0 < k < last:
-            down = path[k - 1, ROW] + path[k + 1, ROW] - 2 * path[k, ROW]
-            right = path[k - 1, COL] + path[k + 1, COL] - 2 * path[k, COL]
+            before = path[k - 1]
+            after = path[k + 1]
+            down = before[ROW] + after[ROW] - 2 * path[k, ROW]
+            right = before[COL] + after[COL] - 2 * path[k, COL]
             if down == 0 and right == 0:
                 continue
         out[count] = path[k]

@@ -602,8 +602,8 @@ class Stage(NamedTuple):
     """Cells between a station's places."""
     half: int
     """Places to each side of the path."""
-    samples: float
-    """Of a leg's weight, per cell."""
+    samples: int
+    """Of the weight along each half of a leg."""
     smooths: bool
     """Whether each station is the mean of three."""
 

@@ -119,10 +119,8 @@ def _moved(ground, tiles, stations, stage, until):
     for k in range(1, n):
         if late(until):
             return stations
-        _, _, length = way_of(leg_between(stations, k - 1, k))
-        samples = max(int64(0.5 * stage.samples * length + 0.5), 1)
-        _sum_between(ground, tiles, places, k, samples, sums)
-        _leg_costs(ground, places, k, sums, samples, costs, legs)
+        _sum_between(ground, tiles, places, k, stage.samples, sums)
+        _leg_costs(ground, places, k, sums, stage.samples, costs, legs)
         _choose(ground, places, k, legs, sums[_NEAR], costs, before)
     j = costs[n - 1].argmin()
     if not costs[n - 1, j] < inf:
@@ -143,10 +141,12 @@ def _evenly(points, stage):
     run = run_of(points)
     count = max(int64(run[-1] / stage.spacing + 0.5), 1) + 1
     even = np.empty((count, 2))
+    places = np.linspace(0.0, run[-1], count)
     for side in (ROW, COL):
-        even[:, side] = np.interp(np.linspace(0.0, run[-1], count), run, points[:, side])
+        even[:, side] = np.interp(places, run, points[:, side])
     if stage.smooths:
-        even[1:-1] = (even[:-2] + even[1:-1] + even[2:]) / 3.0
+        sums = even[:-2] + even[1:-1] + even[2:]
+        even[1:-1] = sums / 3.0
     return even
 
 
@@ -173,7 +173,9 @@ def _put_places(ground, stations, stage, places):
 @inlined
 def _extent(across, k):
     """Least and greatest coordinate of the outermost places of a station and the one before it."""
-    ends = (across[k - 1, 0], across[k - 1, -1], across[k, 0], across[k, -1])
+    before = across[k - 1]
+    here = across[k]
+    ends = (before[0], before[-1], here[0], here[-1])
     return min(*ends), max(*ends)
 
 
@@ -271,7 +273,9 @@ def _choose(ground, places, k, legs, near, costs, before):
             if not least < BLOCKED:
                 costs[k, j] = inf
                 break
-            leg = Leg(rows[k - 1, i], cols[k - 1, i], rows[k, j], cols[k, j])
+            row = rows[k - 1, i]
+            col = cols[k - 1, i]
+            leg = Leg(row, col, rows[k, j], cols[k, j])
             is_near = near[min(i, j) : max(i, j) + 1].any()
             if not is_near or is_clear(ground, leg):
                 costs[k, j] = least

@@ -136,7 +136,7 @@ def model_path(name: str | Path) -> Path:
     for path in (shipped, Path(name)):
         if (problem := problem_with_file(path)) is None:
             return path
-    names = ", ".join(_shipped()) or "none"
+    names = ", ".join(_shipped())
     raise ModelError(
         f"wanted a model file or the name of a shipped model ({names}), got {str(name)!r} "
         f"({problem})"

@@ -184,7 +184,7 @@ class _Legs:
         OutOfTimeError at the deadline.
         """
         stops = self._stops
-        given = tuple(range(len(self._stops) - 2))
+        given = tuple(range(len(stops) - 2))
         known = np.eye(len(stops), dtype=np.bool_)
         legs = self.along(given)
         costs = np.array([[self._grid.least_cost(begin, end) for end in stops] for begin in stops])
