@@ -4,12 +4,13 @@ rasterio.
 
 import math
 import warnings
-import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import IO
 
 import numpy as np
-from numpy.lib import format as npy
+from numpy.lib.format import open_memmap
+from numpy.lib.npyio import NpzFile
 
 from nnpp_edge.runtime.arrays import Array, Float2D
 from nnpp_edge.runtime.errors import TerrainError
@@ -23,7 +24,6 @@ _BYTES_PER_CELL = 20
 """That reading takes beside the stored values: a float64 copy, the float32 map, masks."""
 _FARTHEST_M = 1e9
 _ARRAY_NAMES = ("elevation_m", "elevation", "dem")
-_HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 
 
 def read_arrays(path: Path) -> Reading:
@@ -34,19 +34,17 @@ def read_arrays(path: Path) -> Reading:
     a broken file.
     """
     with path.open("rb") as file:
-        if file.read(4) not in (b"PK\x03\x04", b"PK\x05\x06"):
-            file.seek(0)
-            promised = _promised(file)
-            check_grid(path, promised)
-            check_room(path, promised.shape, promised.dtype)
-            return metres(np.load(path, allow_pickle=False)), None, None
-    with _Archive(path) as archive:
-        cell = archive.cell()
-        name = archive.elevation_name()
-        promised = archive.promised(name)
-        check_grid(path, promised)
-        check_room(path, promised.shape, promised.dtype, promised.nbytes)
-        return metres(archive.array(name)), cell, archive.place()
+        packed = file.read(4) in (b"PK\x03\x04", b"PK\x05\x06")
+    if packed:
+        with _archive(path) as archive:
+            heights = archive[_elevation_name(path, archive)]
+            check_grid(path, heights)
+            return metres(heights), _cell(path, archive), _place(path, archive)
+    with _without_warnings():
+        heights = open_memmap(path, mode="r")  # of which nothing is in memory yet
+    check_grid(path, heights)
+    check_room(path, heights.shape, heights.dtype)
+    return metres(heights), None, None
 
 
 def read_cost_map(path: Path) -> tuple[Float2D, float] | None:
@@ -61,15 +59,14 @@ def read_cost_map(path: Path) -> tuple[Float2D, float] | None:
         return None
     with (
         refused_as(TerrainError, f"{path}: wanted a map, got a file that cannot be read"),
-        _Archive(path) as archive,
+        _archive(path) as archive,
     ):
-        if "cost" not in archive.names:
+        if "cost" not in archive:
             return None
-        promised = archive.promised("cost")
-        cell = archive.cell()
-        check_grid(path, promised, "costs", "biuf")
-        check_room(path, promised.shape, promised.dtype)
-        return metres(archive.array("cost")), cell[0] if cell else 1.0
+        cell = _cell(path, archive)
+        cost = archive["cost"]
+        check_grid(path, cost, "costs", "biuf")
+        return metres(cost), cell[0] if cell else 1.0
 
 
 def check_room(
@@ -118,83 +115,76 @@ def check_grid(path: Path, array: Array, what: str = "heights", kinds: str = "iu
         )
 
 
-class _Archive(zipfile.ZipFile):
-    """An `.npz` whose arrays' headers are read before the arrays."""
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(path)
-        self.path = path
-        self.names = {name.removesuffix(".npy"): name for name in self.namelist()}
-
-    def promised(self, name: str) -> Array:
-        with self.open(self.names[name]) as member:
-            return _promised(member)
-
-    def array(self, name: str) -> Array:
-        with self.open(self.names[name]) as member:
-            found: Array = npy.read_array(member, allow_pickle=False)
-        return found
-
-    def elevation_name(self) -> str:
-        """That of the array of heights: one of ours, or the only one of two dimensions;
-        TerrainError for others.
-        """
-        for name in _ARRAY_NAMES:
-            if name in self.names:
-                return name
-        if "cost" in self.names:
-            raise TerrainError(
-                f"{self.path}: wanted heights, got costs: `nnpp-edge run` takes them, no other "
-                "command"
-            )
-        grids = [name for name in self.names if self.promised(name).ndim == 2]
-        if len(grids) != 1:
-            wanted = ", ".join(_ARRAY_NAMES)
-            got = ", ".join(self.names) or "nothing"
-            raise TerrainError(f"{self.path}: wanted {wanted} or a single 2-D array, got {got}")
-        return grids[0]
-
-    def cell(self) -> Sides | None:
-        """Size and width of a cell; None where the archive does not say."""
-        size = self._numbers("cell_size_m", 1) or self._numbers("cell_m", 1)
-        width = self._numbers("cell_width_m", 1)
-        if width and not size:
-            raise TerrainError(
-                f"{self.path}: wanted cell_size_m beside cell_width_m, got cell_width_m alone"
-            )
-        return (size[0], (width or size)[0]) if size else None
-
-    def place(self) -> Georeference | None:
-        """Where the map lies, by the array `transform`; None where there is none."""
-        values = self._numbers("transform", 6)
-        if values is None:
-            return None
-        a, b, c, d, e, f = values
-        if a * e == b * d:
-            raise TerrainError(f"{self.path}: transform must place cells apart, got {values}")
-        return Georeference(None, (a, b, c, d, e, f))
-
-    def _numbers(self, name: str, count: int) -> list[float] | None:
-        """So many finite numbers under a name, a single one above 0; None where it is not there."""
-        if name not in self.names:
-            return None
-        promised = self.promised(name)
-        got: object = f"{promised.dtype} {promised.shape}"
-        if promised.size == count and promised.dtype.kind in "iuf":
-            got = values = self.array(name).ravel().tolist()
-            if all(map(math.isfinite, values)) and (count > 1 or values[0] > 0.0):
-                return values
-        wanted = "one number above 0" if count == 1 else "6 numbers (a, b, c, d, e, f)"
-        raise TerrainError(f"{self.path}: {name} must be {wanted}, got {got}")
+@contextmanager
+def _archive(path: Path) -> Iterator[NpzFile]:
+    """The arrays of an `.npz`, each read when it is asked for; TerrainError where they are more
+    than fit into the memory that is left.
+    """
+    with _without_warnings(), path.open("rb") as file, NpzFile(file) as archive:
+        assert archive.zip is not None  # only once it is closed
+        stored = sum(member.file_size for member in archive.zip.infolist())
+        check_room(path, (stored // 4,), np.dtype(np.float32))
+        yield archive
 
 
-def _promised(file: IO[bytes]) -> Array:
-    """An array that takes no memory, of the shape and type that the header of a `.npy` promises."""
-    version = npy.read_magic(file)
-    if version not in _HEADERS:
-        raise ValueError(f"wanted version 1 or 2 of NumPy's format, got {version}")
-    # a damaged header is parsed as Python, which warns of odd spellings
+@contextmanager
+def _without_warnings() -> Iterator[None]:
+    """A damaged header is parsed as Python, which warns of odd spellings."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        shape, _, dtype = _HEADERS[version](file)
-    return np.broadcast_to(np.empty((), dtype), shape)
+        yield
+
+
+def _elevation_name(path: Path, archive: NpzFile) -> str:
+    """That of the array of heights: one of ours, or the only one of two dimensions; TerrainError
+    for others.
+    """
+    for name in _ARRAY_NAMES:
+        if name in archive:
+            return name
+    if "cost" in archive:
+        raise TerrainError(
+            f"{path}: wanted heights, got costs: `nnpp-edge run` takes them, no other command"
+        )
+    grids = [name for name, array in archive.items() if array.ndim == 2]
+    if len(grids) != 1:
+        wanted = ", ".join(_ARRAY_NAMES)
+        got = ", ".join(archive) or "nothing"
+        raise TerrainError(f"{path}: wanted {wanted} or a single 2-D array, got {got}")
+    return grids[0]
+
+
+def _cell(path: Path, archive: NpzFile) -> Sides | None:
+    """Size and width of a cell; None where the archive does not say."""
+    size = _numbers(path, archive, "cell_size_m", 1) or _numbers(path, archive, "cell_m", 1)
+    width = _numbers(path, archive, "cell_width_m", 1)
+    if width and not size:
+        raise TerrainError(
+            f"{path}: wanted cell_size_m beside cell_width_m, got cell_width_m alone"
+        )
+    return (size[0], (width or size)[0]) if size else None
+
+
+def _place(path: Path, archive: NpzFile) -> Georeference | None:
+    """Where the map lies, by the array `transform`; None where there is none."""
+    values = _numbers(path, archive, "transform", 6)
+    if values is None:
+        return None
+    a, b, c, d, e, f = values
+    if a * e == b * d:
+        raise TerrainError(f"{path}: transform must place cells apart, got {values}")
+    return Georeference(None, (a, b, c, d, e, f))
+
+
+def _numbers(path: Path, archive: NpzFile, name: str, count: int) -> list[float] | None:
+    """So many finite numbers under a name, a single one above 0; None where it is not there."""
+    if name not in archive:
+        return None
+    array = archive[name]
+    got: object = f"{array.dtype} {array.shape}"
+    if array.size == count and array.dtype.kind in "iuf":
+        got = values = array.ravel().tolist()
+        if all(map(math.isfinite, values)) and (count > 1 or values[0] > 0.0):
+            return list(values)
+    wanted = "one number above 0" if count == 1 else "6 numbers (a, b, c, d, e, f)"
+    raise TerrainError(f"{path}: {name} must be {wanted}, got {got}")
