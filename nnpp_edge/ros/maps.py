@@ -63,6 +63,8 @@ _LEVEL = (1e-3, 1e-3, 1e-3, 1.001)
 """Parts of a quaternion, of either sign, up to which a map counts as not turned."""
 T = TypeVar("T")
 _Whole = Annotated[int, msgspec.Meta(ge=0, lt=2**32)]
+_Data = Any
+"""Checked where it becomes an array."""
 
 
 class _Header(msgspec.Struct):
@@ -105,7 +107,7 @@ class _Grid(msgspec.Struct):
 
     header: _Header
     info: _GridInfo
-    data: Any
+    data: _Data
 
 
 class _Dimension(msgspec.Struct):
@@ -119,7 +121,7 @@ class _Layout(msgspec.Struct):
 
 class _Layer(msgspec.Struct):
     layout: _Layout
-    data: Any
+    data: _Data
 
 
 class _LayersInfo(msgspec.Struct):
@@ -153,10 +155,10 @@ class _Cloud(msgspec.Struct):
     height: _Whole
     width: _Whole
     fields: list[_PointField]
-    is_bigendian: Any
+    is_bigendian: _Data
     point_step: _Whole
     row_step: _Whole
-    data: Any
+    data: _Data
 
 
 def _read(message: object, kind: type[T]) -> T:

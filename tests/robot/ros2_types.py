@@ -19,7 +19,18 @@ uint16 error_code
 string error_msg
 ---
 """
-CODES = ["UNKNOWN", "INVALID_PLANNER", "TF_ERROR", "START_OUTSIDE_MAP", "GOAL_OUTSIDE_MAP", "START_OCCUPIED", "GOAL_OCCUPIED", "TIMEOUT", "NO_VALID_PATH", "NO_VIAPOINTS_GIVEN"]
+CODES = [
+    "UNKNOWN",
+    "INVALID_PLANNER",
+    "TF_ERROR",
+    "START_OUTSIDE_MAP",
+    "GOAL_OUTSIDE_MAP",
+    "START_OCCUPIED",
+    "GOAL_OCCUPIED",
+    "TIMEOUT",
+    "NO_VALID_PATH",
+    "NO_VIAPOINTS_GIVEN",
+]
 
 
 def codes(first, count):
@@ -49,7 +60,15 @@ DEFINITIONS = {
     },
 }
 """As of ROS 2 Kilted, without comments."""
-NEEDED = ["std_msgs", "geometry_msgs", "builtin_interfaces", "nav_msgs", "action_msgs", "service_msgs", "unique_identifier_msgs"]
+NEEDED = [
+    "std_msgs",
+    "geometry_msgs",
+    "builtin_interfaces",
+    "nav_msgs",
+    "action_msgs",
+    "service_msgs",
+    "unique_identifier_msgs",
+]
 
 
 def built():
