@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from nnpp_edge.files import write_whole
 from nnpp_edge.runtime.arguments import checked
-from nnpp_edge.runtime.arrays import Cells, Float2D, Floats, as_map
+from nnpp_edge.runtime.arrays import Cells, Float2D, Floats, as_map, headings_along
 from nnpp_edge.runtime.cells import Cell, Shape
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, shown
 from nnpp_edge.runtime.loop.messages import MapPatch, PathMessage
@@ -63,6 +63,8 @@ _LEVEL = (1e-3, 1e-3, 1e-3, 1.001)
 """Parts of a quaternion, of either sign, up to which a map counts as not turned."""
 T = TypeVar("T")
 _Whole = Annotated[int, msgspec.Meta(ge=0, lt=2**32)]
+_Data = Any
+"""Checked where it becomes an array."""
 
 
 class _Header(msgspec.Struct):
@@ -105,7 +107,7 @@ class _Grid(msgspec.Struct):
 
     header: _Header
     info: _GridInfo
-    data: Any
+    data: _Data
 
 
 class _Dimension(msgspec.Struct):
@@ -119,7 +121,7 @@ class _Layout(msgspec.Struct):
 
 class _Layer(msgspec.Struct):
     layout: _Layout
-    data: Any
+    data: _Data
 
 
 class _LayersInfo(msgspec.Struct):
@@ -153,10 +155,10 @@ class _Cloud(msgspec.Struct):
     height: _Whole
     width: _Whole
     fields: list[_PointField]
-    is_bigendian: Any
+    is_bigendian: _Data
     point_step: _Whole
     row_step: _Whole
-    data: Any
+    data: _Data
 
 
 def _read(message: object, kind: type[T]) -> T:
@@ -474,7 +476,7 @@ def path_poses(path: Cells, frame: MapFrame) -> Floats:
     towards y: to the next cell, and at the end as it was before. Its quaternion has z =
     sin(heading / 2) and w = cos(heading / 2).
     """
-    return _along(frame.metres(np.asarray(path, np.int64).reshape(-1, 2)))
+    return _along(np.asarray(path, np.int32).reshape(-1, 2), frame)
 
 
 def arc_poses(answer: PathMessage | Plan, frame: MapFrame) -> Floats:
@@ -489,7 +491,7 @@ def arc_poses(answer: PathMessage | Plan, frame: MapFrame) -> Floats:
         if answer.waypoints is None:
             poses = path_poses(answer.path, frame)
         else:
-            poses = _along(frame.metres(answer.waypoints + 0.5))
+            poses = _along(answer.waypoints + 0.5, frame)
         return np.column_stack([poses, np.ones(len(poses))])
     first = answer.arcs[0]
     found = [(*first.start_pose, first.gear)]
@@ -501,14 +503,14 @@ def arc_poses(answer: PathMessage | Plan, frame: MapFrame) -> Floats:
     return np.column_stack([frame.metres(places), frame.yaw_rad(headings), gears])
 
 
-def _along(points: Floats) -> Floats:
-    """(N, 3) points (N, 2), each with the yaw to the next, the last as it is come to."""
-    yaws = np.zeros(len(points))
-    if len(points) > 1:
-        steps = np.diff(points, axis=0)
-        yaws[:-1] = np.arctan2(steps[:, 1], steps[:, 0])
-        yaws[-1] = yaws[-2]
-    return np.column_stack([points, yaws])
+def _along(places: Cells | Floats, frame: MapFrame) -> Floats:
+    """(N, 3) points of cells or places (N, 2), each with the yaw to the next, the last as it is
+    come to.
+    """
+    yaws = np.zeros(len(places))
+    if len(places) > 1:
+        yaws = frame.yaw_rad(headings_along(places))
+    return np.column_stack([frame.metres(places), yaws])
 
 
 def _cells(length: float, side: float) -> int:

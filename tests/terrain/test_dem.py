@@ -334,7 +334,7 @@ dem=None, a=HEIGHTS, b=HEIGHTS | got a, b
 dem=None | got nothing
 dem=HEIGHTS[None] | (1, 6, 9)
 cell_width_m=2.0 | cell_size_m beside
-dem=np.array([[{}]]) | object
+dem=np.array([[{}]]) | Object arrays cannot be loaded
 cell_m=np.nan | cell_m must be one number above 0
 cell_m='5 m' | cell_m must be one number above 0
 transform=np.zeros(6) | transform must place cells apart
@@ -484,7 +484,7 @@ def test_masked_cells_are_unknown_in_a_map_and_in_a_file(tmp_path):
 # Writing
 
 
-def test_what_is_written_reads_back_in_its_place(tmp_path):
+def test_what_is_written_reads_back_in_its_place(tmp_path, recwarn):
     cost = np.where(HEIGHTS > 0, HEIGHTS, np.nan)
     for crs in (UTM, MOON_DEGREES, "EPSG:2263", None):
         dem = read_dem(
