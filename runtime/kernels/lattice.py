@@ -219,13 +219,13 @@ def _fare(code, fare, unit):
 
 
 @inlined
-def _step(code, node, local, way, task):
+def _step(code, node, local, way, fare, edges, unit):
     """As `_fare`, of a primitive that leaves a state of a node; of a leg by its edge, if there are
     any, which bodies that drive arcs have not.
     """
-    if len(task.edges) and way == LEG and code < FAILS:
-        return task.edges[uint64(node), uint64(local)]
-    return _fare(code, task.prices.fares[local, way], task.prices.unit)
+    if len(edges) and way == LEG and code < FAILS:
+        return edges[uint64(node), uint64(local)]
+    return _fare(code, fare, unit)
 
 
 @kernel
@@ -282,25 +282,18 @@ def _by_ray(there, k, g_node, code, onwards, task):
 
 
 @inlined
-def _relax_ray(row, col, k, node, g_node, onwards, task, front):
-    """Relax ray k, by which a node is come to."""
+def _relax_ray(i, j, k, on, g_node, onwards, task, front):
+    """Relax ray k, by which a cell costs less than it did: its motion, from a node on, is checked
+    now.
+    """
     poses = task.poses
     judge = task.judge
-    ray = task.prices.rays[k]
-    i = row - ray[DOWN]
-    j = col - ray[RIGHT]
-    if not _is_on_map(poses, i, j):
-        return front
     there = i * judge.stride + j
-    motion = int64(ray[MOTION])
-    on = node if ray[THERE] else there
+    motion = int64(task.prices.rays[k, MOTION])
     code = _code(poses, on, motion)
-    if code >= FAILS:
-        return front
-    least = known(task.memory, there)
     reached = _by_ray(there, k, g_node, code, onwards, task)
     left = _distance(i, j, judge, judge.legs)
-    if not reached < least or reached + left >= front.bound:
+    if reached + left >= front.bound:
         return front
     in_region = len(task.region.bitmap) == 0 or there == task.start
     if not in_region and outside(task.region, i, j):
@@ -308,7 +301,8 @@ def _relax_ray(row, col, k, node, g_node, onwards, task, front):
     if code == UNCHECKED:
         code = _checked_code(poses, on, motion)
         reached = _by_ray(there, k, g_node, code, onwards, task)
-        if code >= FAILS or not reached < least or reached + left >= front.bound:
+        dearer = not reached < known(task.memory, there) or reached + left >= front.bound
+        if code >= FAILS or dearer:
             return front
     visit(task.memory, there, reached, OPEN_BIT | (k & _DIRECTION_MASK))
     if there == task.start:
@@ -344,7 +338,7 @@ def fill_field(poses, edges, prices, region, seeds, ends, rule, memory, limits):
     rule = borrowed(FieldRule(*rule))
     memory = borrowed(Memory(*memory))
     limits = Limits(*limits)
-    rays = len(prices.rays)
+    rays = prices.rays
     stride = poses.cols + 2
     judge = CellJudge(stride, start // stride, start % stride, Legs(*rule.legs))
     task = FieldTask(poses, edges, prices, region, judge, start, rule.between, memory)
@@ -352,7 +346,7 @@ def fill_field(poses, edges, prices, region, seeds, ends, rule, memory, limits):
         base = _left_of_cell(goal, judge)
         _seed(memory, borrowed(Seeds(*seeds)), judge, base, rule.width)
     front = resumed(memory, float64(known(memory, start)))
-    room = int64(len(memory.entries)) // 2 - rays - 1
+    room = int64(len(memory.entries)) // 2 - len(rays) - 1
     expansions = memory.counts[EXPANSIONS]
     last = expansions + limits.most
     taken = 0
@@ -383,8 +377,19 @@ def fill_field(poses, edges, prices, region, seeds, ends, rule, memory, limits):
         put_word(memory.meta, node, word & ~OPEN_BIT)
         expansions += 1
         onwards = word & DIRECTION_BITS
-        for k in range(rays):
-            front = _relax_ray(row, col, k, node, g_node, onwards, task, front)
+        for k in range(len(rays)):
+            i = row - rays[k, DOWN]
+            j = col - rays[k, RIGHT]
+            if not _is_on_map(poses, i, j):
+                continue
+            there = i * stride + j
+            on = node if rays[k, THERE] else there
+            found = _code(poses, on, int64(rays[k, MOTION]))
+            if found >= FAILS:
+                continue
+            reached = _by_ray(there, k, g_node, found, onwards, task)
+            if reached < known(memory, there):
+                front = _relax_ray(i, j, k, on, g_node, onwards, task, front)
     suspend(memory, front.queue, front.refused, expansions)
     return code, expansions, front.refused
 
@@ -427,7 +432,7 @@ def _come_by(row, col, local, way, checks, task):
     at = (row - move[DOWN]) * frame.stride + col - move[RIGHT]
     on = row * frame.stride + col if move[THERE] else at
     code = _checked_code(task.poses, on, motion) if checks else _code(task.poses, on, motion)
-    step = _step(code, at, before, way, task)
+    step = _step(code, at, before, way, prices.fares[before, way], task.edges, prices.unit)
     return g_of(task.memory.g, _state(at, before, frame)) + step, code
 
 
@@ -470,8 +475,10 @@ def _relax(row, col, local, way, g_state, expansions, task, front, settled):
     """Relax a primitive by which a state is left; the frontier, and the best state at the goal."""
     memory = task.memory
     poses = task.poses
+    prices = task.prices
     frame = task.judge.frame
-    move = task.prices.moves[local, way]
+    move = prices.moves[local, way]
+    fare = prices.fares[local, way]
     to = int64(move[TO])
     i = row + move[DOWN]
     j = col + move[RIGHT]
@@ -493,7 +500,7 @@ def _relax(row, col, local, way, g_state, expansions, task, front, settled):
         sure = not before & UNSURE_BIT
         if not before & OPEN_BIT and across != task.goal:
             least -= float32(task.rule.again * expansions)
-    reached = float32(g_state + _step(found, node, local, way, task))
+    reached = float32(g_state + _step(found, node, local, way, fare, task.edges, prices.unit))
     left = _left_at(i, j, to, task.judge)
     if not reached < least or reached + left >= front.bound:
         return front, settled
@@ -503,7 +510,7 @@ def _relax(row, col, local, way, g_state, expansions, task, front, settled):
     ends_here = across == task.goal and task.rule.wanted[to]
     if (ends_here or sure) and found == UNCHECKED:  # what is sure stays so
         found = _checked_code(poses, on, motion)
-        reached = float32(g_state + _step(found, node, local, way, task))
+        reached = float32(g_state + _step(found, node, local, way, fare, task.edges, prices.unit))
         if not reached < least or reached + left >= front.bound:
             return front, settled
     if ends_here:  # never expanded, so never put on the open list

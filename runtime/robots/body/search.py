@@ -228,16 +228,18 @@ def search_states(
     at_least = math.inf
     if region is not None:
         at_least = float(octile.py_func(*query.start, *query.goal, *grid.prices))
+    guide_in = partial(_guide, grid, query, region, from_goal, most)
     memory = workspace.field
-    code, filling, field = _guide(grid, query, memory, region, from_goal, most)
+    code, filling, field = guide_in(memory)
     spent += filling
+    if code == EXHAUSTED:
+        return _no_path(grid, spent, at_least, memory)
     if code != FOUND:
-        nothing = _no_path(grid, spent, at_least, memory)
-        late = nothing._replace(status=Status.TIMEOUT, exhausted=None)
-        return nothing if code == EXHAUSTED else late
+        return Search.without_path(Status.TIMEOUT, spent, at_least, grid.robot.moves.columns)
     # search the states by it, from the start to the goal
     promised = field.floor
-    search = spreading(grid, workspace, starting, at_goal, allowed(region), field)
+    guided_by = partial(spreading, grid, workspace, starting, at_goal, allowed(region))
+    search = guided_by(field)
     onwards = ends
     expansions = 0
     while True:
@@ -261,12 +263,12 @@ def search_states(
             return _no_path(grid, spent + expansions, math.inf, from_goal.memory)
         if first and from_goal.last_metres is not None:
             memory = from_goal.memory.field
-            code, filling, field = _guide(grid, query, memory, region, from_goal, most)
+            code, filling, field = guide_in(memory)
             spent += filling
             if code == EXHAUSTED:
                 return _no_path(grid, spent + expansions, at_least, memory)
             if code == FOUND and field.floor > RISEN * promised:
-                search = spreading(grid, workspace, starting, at_goal, allowed(region), field)
+                search = guided_by(field)
                 onwards = ends
                 spent += expansions
                 expansions = 0
@@ -310,10 +312,10 @@ def _turned_round(states: Bool) -> Bool:
 def _guide(
     grid: "Grid",
     query: Query,
-    memory: Workspace | None,
     region: Region | None,
     from_goal: FromGoal | None,
     most: int,
+    memory: Workspace | None,
 ) -> tuple[int, int, Field]:
     """The field that guides a search: what filling it comes to, the expansions, and the field. It
     begins with the last metres, where these are known.
