@@ -12,7 +12,6 @@ from numpy import float32, inf, int64, uint64
 from nnpp_edge.runtime.compiled.kernel import helper, inlined, kernel
 from nnpp_edge.runtime.kernels.by_address import borrowed, call_at
 from nnpp_edge.runtime.kernels.encoding import cells_of_part, cells_under
-from nnpp_edge.runtime.kernels.nodes import COL, ROW
 from nnpp_edge.runtime.kernels.pooling import (
     NO_AREA,
     above,
@@ -118,17 +117,6 @@ def open_at(tiles, row, col):
         return False
     open_there(tiles, int64(i), int64(j))
     return True
-
-
-@kernel
-def open_along(tiles, path):
-    """As `open_tile`, of all tiles in which cells of a path (N, 2) inside the map lie."""
-    named = Tiles(*tiles)
-    for n in range(len(path)):
-        i = path[n, ROW] >> named.row_shift
-        j = path[n, COL] >> named.col_shift
-        if not named.state[i, j] & named.wanted:
-            open_tile(tiles, i, j)
 
 
 @kernel

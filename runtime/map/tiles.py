@@ -38,7 +38,6 @@ from nnpp_edge.runtime.kernels.tiles import (
     SURROUNDED,
     compute_rows,
     link_rows,
-    open_along,
     open_tile,
     sample_planes,
     write_layer,
@@ -169,7 +168,8 @@ class Tiles:
 
     def open_along(self, path: Cells) -> None:
         """As `open_at`, of the cells of a path (N, 2) inside the map."""
-        open_along(self.packed(), path)
+        for i, j in np.unique(path // self._sides, axis=0).tolist():
+            self.open_at(i * self._sides[0], j * self._sides[1])
 
     def complete(self, deadline: Deadline = NEVER) -> None:
         """Compute the rest, on all cores where that pays; at the deadline OutOfTimeError: the next

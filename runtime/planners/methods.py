@@ -6,7 +6,7 @@ from dataclasses import replace
 from functools import cache, cached_property, partial
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -221,7 +221,7 @@ class Methods:
         serve this robot.
         """
         if METHODS[method].chooses:
-            return _finder(method)(self, query)  # type: ignore[no-any-return]
+            return _finder(method)(self, query)  # type: ignore[return-value]
         return [_way_of(method, self.state.grid.robot.moves.over)]
 
     def choose(self, query: Query) -> Sequence[Way]:
@@ -368,7 +368,7 @@ class Methods:
 
 
 @cache
-def _finder(method: str) -> Callable[..., Any]:
+def _finder(method: str) -> Callable[..., Found | None]:
     """What finds by a method, of (methods, query, work)."""
     find = METHODS[method].find
     return resolve_name(find) if ":" in find else getattr(Methods, find)  # type: ignore[no-any-return]

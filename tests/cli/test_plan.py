@@ -11,7 +11,6 @@ import cv2
 import numpy as np
 import pytest
 
-from nnpp_edge.cli import planning
 from nnpp_edge.ros.maps import GridMap, MapFrame
 from nnpp_edge.runtime import (
     Planner,
@@ -309,7 +308,7 @@ def test_who_gave_a_wrong_place_does_not_wait(run, hills, monkeypatch):
     monkeypatch.setattr(exercises, "exercise", never)
     ended = run("plan hills.npz --start 40,86 --goal 70,80 --time-limit 1")
     ended.refused("start (40, 86) is impassable")
-    monkeypatch.setattr(planning, "cost_of", never)
+    monkeypatch.setattr("nnpp_edge.runtime.map.ground.Ground.costs", never)
     for limit in ("", "--time-limit 1"):
         for start, goal, words in (
             ("5,5", "5,900", "goal (5, 900)"),

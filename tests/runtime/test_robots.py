@@ -184,7 +184,7 @@ def same_maps(one, other):
         prices = [each.grid.robot.price for each in (ours, theirs)]
         if prices[0].edges() is not None:
             np.testing.assert_allclose(*(each.edges() for each in prices), rtol=1e-5)
-            np.testing.assert_allclose(*(each.backwards for each in prices), rtol=1e-5)
+            np.testing.assert_allclose(*(each.edges(True) for each in prices), rtol=1e-5)
 
 
 @pytest.mark.parametrize("name", WORLDS)

@@ -334,7 +334,7 @@ dem=None, a=HEIGHTS, b=HEIGHTS | got a, b
 dem=None | got nothing
 dem=HEIGHTS[None] | (1, 6, 9)
 cell_width_m=2.0 | cell_size_m beside
-dem=np.array([[{}]]) | Object arrays cannot be loaded
+dem=np.array([[{}]]) | object
 cell_m=np.nan | cell_m must be one number above 0
 cell_m='5 m' | cell_m must be one number above 0
 transform=np.zeros(6) | transform must place cells apart

@@ -129,7 +129,7 @@ def motions_of(vehicle: Vehicle, sides_m: Sides, motions: list[list[MotionPose]]
     body = 0.5 * np.array((vehicle.length_m, vehicle.width_m))
     # by which the wheels' heights make the plane's height at the middle, and its slopes
     fit: Floats = np.linalg.pinv(np.column_stack((np.ones(len(wheels)), wheels)))
-    poses = np.concatenate(motions)
+    poses = np.concatenate([np.reshape(each, (-1, len(MotionPose._fields))) for each in motions])
     offsets = poses[:, :2]
     headings = poses[:, 2:4]
     sweep, turn = poses[:, 4:].T

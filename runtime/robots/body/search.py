@@ -9,6 +9,7 @@ count, which leaves few states to search, for an answer about as good.
 import math
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, NamedTuple
+from weakref import proxy
 
 import numpy as np
 
@@ -128,7 +129,7 @@ class FromGoal:
         self.memory = memory
         self.code = PAUSED
         self.expansions = 0
-        self._grid = grid
+        self._grid = proxy(grid)  # which holds this, by its robot
         begun, ended = (_turned_round(states) for states in _at_ends(query, memory.states)[::-1])
         self._search = spreading(grid, memory, begun, ended)
         self._ends = Ends(grid.node(*query.goal), grid.node(*query.start))
