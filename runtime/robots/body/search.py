@@ -220,8 +220,9 @@ def search_states(
     most = limit or WITHOUT_END
     until = most
     spent = 0
+    by_arcs = grid.robot.moves.columns == 3
     if from_goal is not None:
-        until = LATE_ON_MAP if region is None else LATE_IN_REGION
+        until = LATE_IN_REGION if by_arcs and region is not None else LATE_ON_MAP
         shut_in, spent = from_goal.shut_in(workspace)
         if shut_in is not None:
             return _no_path(grid, spent, math.inf, shut_in)
@@ -254,12 +255,12 @@ def search_states(
             return path._replace(
                 expansions=spent + expansions, refused_f=at_least, promised=promised
             )
-        # it takes long: the search from the goal goes on, too, for the last metres at first
+        # it takes long: the search from the goal goes on, too, of arcs for the last metres at first
         assert from_goal is not None
         onwards = ends._replace(start=ON)
         until = max(2 * expansions, LATE_ON_MAP)
-        first = from_goal.expansions < AROUND_GOAL
-        spent += from_goal.go_on(max(AROUND_GOAL, int(CHECKED_SHARE * expansions)))
+        first = by_arcs and from_goal.expansions < AROUND_GOAL
+        spent += from_goal.go_on(max(by_arcs * AROUND_GOAL, int(CHECKED_SHARE * expansions)))
         if from_goal.code == EXHAUSTED:
             return _no_path(grid, spent + expansions, math.inf, from_goal.memory)
         if first and from_goal.last_metres is not None:
