@@ -6,12 +6,15 @@ import itertools
 import math
 from dataclasses import replace
 from functools import partial
+from operator import methodcaller
+from typing import ClassVar
 
 import numpy as np
 
 from nnpp_edge.runtime import DynamicPlanner, Ground, Planner, Vehicle, traversability_cost
 from nnpp_edge.runtime.kernels.poses import FAILS
 from nnpp_edge.runtime.robots.body.arcs import heading_deg
+from nnpp_edge.runtime.robots.slope.cost import SLOPE_COSTS
 from tests import directed_cases, oracles, pose_oracles
 from tests.directed_cases import MOBILITY, MODELS
 from tests.fuzz import bodies
@@ -33,6 +36,9 @@ CARS = (
 class World:
     """A point or a disc, on costs or on heights that patches change."""
 
+    layers: ClassVar = {}
+    """Numbers beside heights, by name."""
+
     def __init__(self, rng, layers, sides, limits=None, *, step_cost="paper", vehicle=None):
         self.rng = rng
         self.dem, self.told = layers
@@ -40,7 +46,7 @@ class World:
         self.limits = limits
         self.step_cost = step_cost
         self.vehicle = vehicle
-        self.model = MOBILITY.model(step_cost) if step_cost in MODELS else None
+        self.model = MOBILITY.model(step_cost) if step_cost in SLOPE_COSTS else None
         self.corner_cutting = bool(rng.integers(2))
         self.omega = float(rng.choice((OMEGA, OMEGA, 0.0)))
         self.read()
@@ -51,7 +57,7 @@ class World:
         if self.dem is None:
             ground = Ground(self.told, cell_size_m=self.sides[0], **robot)
         else:
-            robot |= {"cell_width_m": self.sides[1], "mobility": MOBILITY}
+            robot |= {"cell_width_m": self.sides[1], "mobility": MOBILITY, "layers": self.layers}
             ground = Ground.of_elevation(self.dem, self.sides[0], self.limits, **robot)
         options |= {"corner_cutting": self.corner_cutting, "omega": self.omega}
         made = (DynamicPlanner if towards else Planner)(ground, *towards, **options)
@@ -61,35 +67,34 @@ class World:
 
     def read(self):
         """Read what the map's cells cost now, inf where they are impassable."""
-        cost = self.told
-        if self.dem is not None:
-            width = {"cell_width_m": self.sides[1], "warn": False}
-            cost = traversability_cost(self.dem, self.sides[0], self.limits, **width)
-            cost = np.maximum(cost, self.told)
+        cost = self.told if self.dem is None else np.maximum(self.by_heights(), self.told)
         self.passable = np.isfinite(cost) & ((cost < 1.0) | (self.step_cost == "length"))
         self.cost = np.where(self.passable, cost, np.float32(np.inf))
-        if self.vehicle is not None:  # as of costs, where its distances are tested
+        if self.vehicle and self.vehicle.radius_m:  # as of costs, where its distances are tested
             sides = {"cell_size_m": self.sides[0], "cell_width_m": self.sides[1]}
             ground = Ground(self.cost, vehicle=self.vehicle, **sides)
             self.cost = Planner(ground, omega=1.0 / 255.0).state.grid.map()
             self.passable = np.isfinite(self.cost)
 
+    def by_heights(self):
+        """(H, W) what cells cost by their heights."""
+        width = {"cell_width_m": self.sides[1], "warn": False}
+        return traversability_cost(self.dem, self.sides[0], self.limits, **width)
+
     def patch(self):
-        """Change a part of the map, which is then to be `read`; the name and the arguments of the
-        call that tells a planner.
-        """
+        """Change a part of the map, which is then to be `read`; the call that tells a planner."""
         if self.dem is None:
             row, col, patch = random_patch(self.rng, self.told, self.step_cost)
             if self.rng.random() < 0.1:
                 row, col, patch = 0, 0, self.told * np.float32(self.rng.choice((0.5, 1.2)))
             put(self.told, row, col, patch)
-            return "update", (row, col, patch)
+            return methodcaller("update", row, col, patch)
         row, col = (int(self.rng.integers(side)) for side in self.dem.shape)
         part = slice(row, row + self.rng.integers(1, 7)), slice(col, col + self.rng.integers(1, 7))
         if self.rng.random() < 0.2:
             patch = self.rng.choice((0.0, 1.0), self.told[part].shape)
             self.told[part] = patch
-            return "update", (row, col, patch)
+            return methodcaller("update", row, col, patch)
         here = self.dem[part]
         mean = float(np.nan_to_num(np.nanmean(self.dem))) if np.isfinite(self.dem).any() else 0.0
         kinds = (
@@ -99,7 +104,7 @@ class World:
             here + self.rng.normal(0.0, 0.5),
         )
         self.dem[part] = kinds[self.rng.integers(4)]
-        return "update_elevation", (row, col, here.copy())
+        return methodcaller("update_elevation", row, col, here.copy())
 
     @property
     def rule(self):
@@ -228,7 +233,7 @@ class BodyWorld(World):
 
     def path_cost(self, path):
         """As of every world."""
-        if len(path) == 1 and self.model is None and not self.passable[tuple(path[-1])]:
+        if len(path) == 1 and not self.passable[tuple(path[-1])]:
             return math.inf
         cost = pose_oracles.path_cost(self.motions, path.tolist())
         return cost + self.worth(tuple(path[0]), tuple(path[-1]))
@@ -275,12 +280,12 @@ def on_costs(rng, step_cost="paper", vehicle=None):
     return World(rng, (None, costs), (0.5, 0.5), step_cost=step_cost, vehicle=vehicle)
 
 
-def on_heights(rng, step_cost="paper", vehicle=None):
+def on_heights(rng, step_cost="paper", vehicle=None, kind=World):
     """A point, or a disc, on slopes, ridges, steps and holes."""
     case = directed_cases.hills(rng, int(rng.choice((24, 24, 24, 64))))
     layers = case.dem, np.zeros(case.dem.shape, np.float32)
     given = {"step_cost": step_cost, "vehicle": vehicle}
-    return World(rng, layers, case.sides, case.limits, **given)
+    return kind(rng, layers, case.sides, case.limits, **given)
 
 
 def with_body(rng, step_cost="paper", *, any_motions=False):

@@ -263,7 +263,7 @@ def _weigh(source, area, out, first, stride):
             at = first + row * stride + col
             if len(source.added) and out[at] < inf:
                 weight = out[at] + float32(source.added[cell] * scale)
-                out[at] = min(weight, most) if weight < inf else weight
+                out[at] = min(weight, most) if weight < inf else float32(inf)  # or 0 · inf
             cost = source.told[cell]
             if cost > 0.0:
                 weight = float32(cost * scale) if cost < 1.0 else float32(inf)

@@ -7,6 +7,7 @@ import pytest
 
 from nnpp_edge.runtime import (
     DynamicPlanner,
+    Ground,
     LinearCost,
     Mobility,
     Planner,
@@ -19,7 +20,7 @@ from nnpp_edge.runtime.robots.slope import directed
 from nnpp_edge.runtime.search.astar import astar
 from nnpp_edge.runtime.search.workspace import Workspace
 from tests.directed_cases import MODELS
-from tests.worlds import WORLDS
+from tests.worlds import ROVER, WORLDS
 
 STEEP = Traversability(slope_limit_deg=60.0)
 
@@ -119,3 +120,15 @@ def test_bounds_reckon_with_the_height_between_the_ends():
 
 
 # --- what can be reached, and tours
+
+
+@pytest.mark.parametrize("step_cost", ["paper", "tobler"])
+def test_a_body_stands_no_more_on_a_goal_that_became_impassable(step_cost):
+    ground = Ground.of_elevation(ramp(20, slope=0.0), 0.25, vehicle=ROVER, step_cost=step_cost)
+    planner = DynamicPlanner(ground, (10, 24))
+    planner.move((10, 10))
+    planner.replan()
+    planner.move((10, 24))
+    assert planner.standing().valid
+    planner.update(10, 24, np.ones((1, 1)))
+    assert not planner.standing().valid

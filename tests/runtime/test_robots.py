@@ -25,6 +25,7 @@ from nnpp_edge.runtime.search.astar import costs_to_nearest
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.terrain.traversability import terrain_terms
 from tests import oracles
+from tests.doors import DOORS
 from tests.fuzz.sequences import interrupting
 from tests.worlds import ANY_MOTIONS, WORLDS
 
@@ -122,8 +123,7 @@ def test_on_a_map_that_changes_plans_and_the_standing_path_are_those_of_the_newe
             if rng.random() < 0.2:
                 moving = pickle.loads(pickle.dumps(moving))
             for _ in range(rng.integers(4)):
-                call, patch = world.patch()
-                getattr(moving, call)(*patch)
+                world.patch()(moving)
             world.read()
             places = [(start, world.optimum(start, goal, begin, end))]
             if plan.ok and world.symmetric:
@@ -162,6 +162,19 @@ def test_rough_ground_counts_in_every_method_and_after_every_patch(worlds, netwo
     test_every_method_finds_dijkstras_cost_and_no_bound_is_above_it("tobler", worlds, network)
     test_on_a_map_that_changes_plans_and_the_standing_path_are_those_of_the_newest_map(
         "tobler", worlds, network
+    )
+
+
+@pytest.mark.parametrize("name", DOORS)
+def test_what_is_added_by_the_guide_is_held_to_dijkstras_costs_too(
+    name, worlds, network, monkeypatch
+):
+    add, world = DOORS[name]
+    add(monkeypatch)
+    monkeypatch.setitem(ALL, name, world)
+    test_every_method_finds_dijkstras_cost_and_no_bound_is_above_it(name, worlds, network)
+    test_on_a_map_that_changes_plans_and_the_standing_path_are_those_of_the_newest_map(
+        name, worlds, network
     )
 
 

@@ -244,7 +244,11 @@ class Poses:
     ) -> int:
         """As `Grid.walk`, by these prices if given."""
         walk = walk_primitives if path.shape[1] == 3 else walk_states
-        return int(walk(self.packed, tuple(prices or self.prices), path, first, costs))
+        blocked = int(walk(self.packed, tuple(prices or self.prices), path, first, costs))
+        if blocked < 0 and first == len(path) - 1:  # it moves no more
+            row, col = path[-1, :2].tolist()
+            return -1 if self.stands_at((row, col)) else first
+        return blocked
 
     def steps(self, path: Cells) -> "PathMotions":
         """The motions along a path: legs between its cells (N, 2), or primitives between its states

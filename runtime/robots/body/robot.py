@@ -106,11 +106,7 @@ class BodyPrice(Price):
         return straight, diagonal, math.sqrt(5.0) * (1.0 + 2.0 * grid.model.scale)
 
     def walk(self, grid: "Grid", path: Cells, first: int, costs: Floats) -> int:
-        blocked = self.poses.walk(path, first, costs)
-        if blocked < 0 and first == len(path) - 1:  # it moves no more
-            row, col = path[-1, :2].tolist()
-            return -1 if self.poses.stands_at((row, col)) else first
-        return blocked
+        return self.poses.walk(path, first, costs)
 
     def costs_of(self, grid: "Grid", path: Cells) -> PathCosts:
         if not len(path):
