@@ -81,6 +81,7 @@ class ShadedWorld(World):
 # --- a step cost
 
 
+@dataclass(frozen=True)
 class RoughCost(cost.SlopeCost):
     """Metres of even ground as dear as a way over rough ground, the same both ways."""
 
