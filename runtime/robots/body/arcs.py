@@ -116,8 +116,10 @@ def _pieces(
     k = before[2] % DIRECTION_COUNT
     side = (side + AXIS_COUNT) % DIRECTION_COUNT - AXIS_COUNT
     if not (down or right):
-        for n in range(k, k + side) if side > 0 else range(k - 1, k + side - 1, -1):
-            yield 0, 0.0, 0.0, math.copysign(math.degrees(turn_rad(n, sides_m)), side)
+        turns = range(k, k + side) if side > 0 else range(k - 1, k + side - 1, -1)
+        for n in turns:
+            angle = turn_rad(n, sides_m)
+            yield 0, 0.0, 0.0, math.degrees(math.copysign(angle, side))
         return
     dy, dx = sides_m
     towards = down * LEG_ROWS[k] * dy**2 + right * LEG_COLS[k] * dx**2

@@ -291,7 +291,8 @@ def _extents(corners: Floats) -> list[Floats]:
     on_lines = np.where(crossed, at, np.nan)
     within = np.where(inside, x, np.nan)
     met = np.concatenate((on_lines[:, :-1], on_lines[:, 1:], within), 2)
-    found = np.stack((lines[:, :-1], np.fmin.reduce(met, 2), np.fmax.reduce(met, 2)), 2)
+    extents = np.fmin.reduce(met, 2), np.fmax.reduce(met, 2)
+    found = np.stack((lines[:, :-1], *extents), 2)
     counts = (last - first).astype(int)
     return [each[:strips] for each, strips in zip(found, counts, strict=True)]
 
@@ -306,7 +307,8 @@ def _corners_of(columns: Floats, rows: Floats, near: Floats) -> Floats:
     """
     # by axis of the square, (2, rows, columns)
     begin = np.stack(np.broadcast_arrays(rows[:, None, 0], columns[:, 0]))
-    least, most = (np.stack(np.broadcast_arrays(columns[:, k], rows[:, None, k])) for k in (1, 2))
+    bounds = ((columns[:, k], rows[:, None, k]) for k in (1, 2))
+    least, most = (np.stack(np.broadcast_arrays(*pair)) for pair in bounds)
     end = begin + 1.0
     low = np.maximum(least, begin)
     high = np.minimum(most, end)

@@ -358,7 +358,8 @@ def _filled(
     """
     goal = grid.node(*query.goal)
     if seeds is None:
-        seeds = Seeds(np.array([goal], np.int32), np.zeros(1, np.float32), np.zeros(1, np.int32))
+        nothing = np.zeros(1, np.int32)
+        seeds = Seeds(np.array([goal], np.int32), nothing.astype(np.float32), nothing)
     states = grid.robot.states()
     prices = states.prices
     if region is not None:  # legs alone count
