@@ -116,8 +116,9 @@ def _pieces(
     k = before[2] % DIRECTION_COUNT
     side = (side + AXIS_COUNT) % DIRECTION_COUNT - AXIS_COUNT
     if not (down or right):
-        turns = range(k, k + side) if side > 0 else range(k - 1, k + side - 1, -1)
-        for n in turns:
+        step = 1 if side > 0 else -1
+        first = k if side > 0 else k - 1
+        for n in range(first, first + side, step):
             angle = turn_rad(n, sides_m)
             yield 0, 0.0, 0.0, math.degrees(math.copysign(angle, side))
         return
