@@ -168,8 +168,10 @@ class Tiles:
 
     def open_along(self, path: Cells) -> None:
         """As `open_at`, of the cells of a path (N, 2) inside the map."""
-        for i, j in np.unique(path // self._sides, axis=0).tolist():
-            self.open_at(i * self._sides[0], j * self._sides[1])
+        crossed = np.zeros_like(self.state)
+        crossed[tuple((path // self._sides).T)] = 1
+        for cell in np.argwhere(crossed) * self._sides:
+            self.open_at(*cell)
 
     def complete(self, deadline: Deadline = NEVER) -> None:
         """Compute the rest, on all cores where that pays; at the deadline OutOfTimeError: the next

@@ -188,8 +188,8 @@ class Methods:
         by, why, _ = ways[0]
         needs = METHODS[by].needs
         if problem := problem_with(state.grid, query.start, query.goal):
-            reason = told(problem, query, robot)
-            return Plan(problem, METHODS[by].keeps or by, planner=by, reason=reason)
+            why = told(problem, query, robot)
+            return Plan(problem, METHODS[by].keeps or by, planner=by, reason=why)
         checked_before = robot.stance.checks
         large = state.grid.cells * robot.moves.states_a_node > SPARSE_FROM and needs
         try:
@@ -204,8 +204,8 @@ class Methods:
         assert found is not None
         if query.direction >= 0 or query.wanted is not None:  # no steps are counted there
             found = found._replace(lower_bound=found.lower_bound - robot.at_ends(query))
-        within = METHODS[by].bound
-        if within is not None and within > 1.0 and found.search.status is Status.OK:
+        within = METHODS[by].bound or 1.0
+        if within > 1.0 and found.search.status is Status.OK:
             found = found._replace(lower_bound=max(found.cost / within, 0.0))
         plan = found.plan(by, work, state, checked_before, choice=why, keep_regions=keep_regions)
         if plan.status is not Status.NO_PATH:
@@ -257,8 +257,9 @@ class Methods:
         """The optimal path; None where the way to the goal turns out too long for its distance."""
         limit = BRIEF_EXPANSIONS + 2 * query.apart**2
         found = self.astar.search(query, work, None, limit=limit)
-        timeout = found.status is Status.TIMEOUT
-        return None if timeout else Found.of(self.state.grid, found, Source.MAP, None)
+        if found.status is Status.TIMEOUT:
+            return None
+        return Found.of(self.state.grid, found, Source.MAP, None)
 
     def mend_map(self, query: Query, work: Work) -> Found:
         """The optimal path, by D* Lite over the whole map; by A* where steps cost too differently
@@ -338,11 +339,10 @@ class Methods:
         if query.apart < self._ask_from and (near := self.search_briefly(query, work)) is not None:
             return near
         top = self._network_level
-        deadline = query.deadline
-        level = self.descent.update(deadline)[top]
-        memory = self.descent.workspace(top)
+        level = self.descent.update(query.deadline)[top]
+        place = level, top, self.descent.workspace(top)
         td, at_td, regions = self.regions.regions(
-            query.start, query.goal, level, top, memory, work, deadline
+            query.start, query.goal, *place, work, query.deadline
         )
         for number, region in enumerate(regions):
             source = Source.WIDENED if number else Source.REGION
