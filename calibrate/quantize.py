@@ -84,8 +84,6 @@ def quantised_graph(
             nodes_to_exclude=[*head, *exclude],
         )
     made = onnx.load(target)
-    # onnxruntime's sort overlooks what branches read
-    made.graph.node.sort(key=lambda node: node.op_type == "If")
     in_int8 = set(chosen) - set(exclude)
     inputs = list(islice(inputs_of(fp32, queries), LAYERS_COMPARED_ON))
     names = [node.name for node in convolutions]
@@ -130,7 +128,8 @@ def int8_file(model: onnx.ModelProto, fp32: NetworkModel, facts: Mapping[str, ob
     how = {"method": "minmax", "reduce_range": True, "versions": versions}
     training = {**fp32.metadata.training, "calibration": {**facts, **how}}
     metadata = replace(fp32.metadata, precision="int8", training=training)
-    onnx.helper.set_model_props(model, {METADATA_KEY: metadata.to_json()})
+    stored = fp32.session.get_modelmeta().custom_metadata_map
+    onnx.helper.set_model_props(model, stored | {METADATA_KEY: metadata.to_json()})
     used = {node.domain or "ai.onnx" for node in model.graph.node}
     kept = [each for each in model.opset_import if (each.domain or "ai.onnx") in used]
     del model.opset_import[:]

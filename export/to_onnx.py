@@ -31,15 +31,16 @@ from nnpp_edge.model.network import Network, count_macs
 from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.errors import DataSetError, ModelError, OutputError
 from nnpp_edge.runtime.kernels.encoding import ENDS_CHANNELS
-from nnpp_edge.runtime.kernels.place_head import ANSWERS
 from nnpp_edge.runtime.network.inference import NetworkModel
-from nnpp_edge.runtime.network.loading import ASK, HEAD, OUTPUT, PLACES
+from nnpp_edge.runtime.network.loading import OUTPUT, PLACES
 from nnpp_edge.runtime.network.model_file import (
     CHANNELS,
+    HEAD_KEY,
     METADATA_KEY,
     QUERY_SPACING,
     ModelMetadata,
 )
+from nnpp_edge.runtime.network.place_head import text_of
 from nnpp_edge.runtime.reading import refused_as
 from nnpp_edge.runtime.terrain.step_cost import PAPER_OMEGA
 from nnpp_edge.runtime.terrain.traversability import Traversability
@@ -119,7 +120,10 @@ def export_network(
         version=__version__,
     )
     model = to_onnx(network)
-    onnx.helper.set_model_props(model, {METADATA_KEY: facts.to_json()})
+    stored = {METADATA_KEY: facts.to_json()}
+    if isinstance(body, EdgeNet):
+        stored[HEAD_KEY] = text_of(body.head.parameters_in_order().detach().numpy())
+    onnx.helper.set_model_props(model, stored)
     onnx.checker.check_model(model, full_check=True)
     content = model.SerializeToString()
     # a file that the runtime would refuse is not written
@@ -131,9 +135,7 @@ def export_network(
         except ModelError as error:
             raise ModelError(f"{output}: {str(error).removeprefix(f'{trial}: ')}") from error
     write_whole(output, content)
-    inputs = example_inputs(spec)
-    inputs.pop(ASK, None)
-    macs = count_macs(body, tuple(inputs.values()))
+    macs = count_macs(body, tuple(example_inputs(spec).values()))
     return ExportReport(str(output), len(content), len(model.graph.node), macs)
 
 
@@ -188,21 +190,21 @@ def _random_query(spec: Spec, rng: np.random.Generator) -> "Query":
 
 def to_onnx(network: Network) -> onnx.ModelProto:
     """The network's graph for one query: norms folded (by torch's exporter), fixed shapes, a
-    sigmoid at the end.
+    sigmoid at the end. Of a network in two parts it is that of the encoder.
     """
-    inputs = example_inputs(network.spec)
+    name, shown = next(iter(example_inputs(network.spec).items()))
     body = copy.deepcopy(network.body).eval()
-    whole: nn.Module = nn.Sequential(OrderedDict(body=body, answer=nn.Sigmoid()))
-    outputs = [OUTPUT]
+    layers = OrderedDict[str, nn.Module](body=body, answer=nn.Sigmoid())
+    output = OUTPUT
     if isinstance(body, EdgeNet):
-        whole = _EncoderAndHead(body)
-        outputs = [OUTPUT, PLACES, HEAD]
+        layers = OrderedDict(encoder=body.encoder)
+        output = PLACES
     with quiet(), refused_as(OutputError, "torch could not export the network"):
         program = torch.onnx.export(
-            whole,
-            tuple(inputs.values()),
-            input_names=list(inputs),
-            output_names=outputs,
+            nn.Sequential(layers),
+            (shown,),
+            input_names=[name],
+            output_names=[output],
             opset_version=OPSET,
             dynamo=True,
             external_data=False,
@@ -229,7 +231,9 @@ def quiet() -> Iterator[None]:
 
 
 def example_inputs(spec: Spec) -> dict[str, Tensor]:
-    """Names and shapes of the graph's inputs, in order; the values mean nothing."""
+    """Names and shapes of the network's inputs, of which the ONNX graph has the first; the values
+    mean nothing.
+    """
     size = spec.input_size
     if spec.architecture != "edge":
         channels = len(CHANNELS[spec.encoding])
@@ -239,7 +243,6 @@ def example_inputs(spec: Spec) -> dict[str, Tensor]:
     return {
         "map": torch.zeros(1, edge.MAP_CHANNELS * edge.UNSHUFFLE**2, map_side, map_side),
         "query": torch.zeros(1, ENDS_CHANNELS, query_side, query_side),
-        ASK: torch.tensor([True]),
     }
 
 
@@ -247,32 +250,6 @@ def dataset_facts(recipe: "Recipe") -> dict[str, object]:
     """Facts that decided a data set, for a model's metadata; terrain by the files' names alone."""
     names = [Path(name).name for name in recipe.terrain]
     return {**msgspec.structs.asdict(recipe), "terrain": names}
-
-
-class _EncoderAndHead(nn.Module):
-    """The edge network with all outputs that the runtime needs: probabilities, places, the head's
-    parameters.
-
-    Where the input `ASK` (1,) is false the probability is 0 and the encoder alone runs: onnxruntime
-    takes longer to run a part of a graph's outputs than to run all of it.
-    """
-
-    def __init__(self, body: EdgeNet) -> None:
-        super().__init__()
-        self.body = body
-
-    def forward(self, planes: Tensor, query: Tensor, ask: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        head = self.body.head
-        places = self.body.encoder(planes)
-
-        def asked(places: Tensor, query: Tensor) -> Tensor:
-            return torch.sigmoid(head(places, query)).contiguous()
-
-        def not_asked(places: Tensor, query: Tensor) -> Tensor:
-            return torch.zeros_like(query[:, :ANSWERS])
-
-        probability = torch.cond(ask, asked, not_asked, (places, query))
-        return probability, places, head.parameters_in_order()
 
 
 def _tidy(graph: onnx.GraphProto) -> None:
@@ -287,9 +264,6 @@ def _tidy(graph: onnx.GraphProto) -> None:
         name = f"{module}/{node.op_type}" if module else node.op_type
         taken[name] += 1
         node.name = name if taken[name] == 1 else f"{name}_{taken[name]}"
-        for attribute in node.attribute:
-            if attribute.HasField("g"):
-                _tidy(attribute.g)
     values = (*graph.value_info, *graph.input, *graph.output, *graph.initializer)
     for part in (graph, *graph.node, *values):
         del part.metadata_props[:]

@@ -10,7 +10,7 @@ from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D, Planes, in_blocks
 from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.network.encoding import Point, encode_gaussian
-from nnpp_edge.runtime.network.loading import ASK, OUTPUT, PLACES, LoadedModel, opened
+from nnpp_edge.runtime.network.loading import OUTPUT, PLACES, LoadedModel, opened
 from nnpp_edge.runtime.network.model_file import QUERY_SPACING, model_path
 from nnpp_edge.runtime.network.place_head import PlaceHead
 from nnpp_edge.runtime.reading import refused_as
@@ -90,7 +90,7 @@ class NetworkModel:
                 self._infer()
                 self._head.describe(self._outputs[PLACES])
                 self._encoded = True
-            self._head.answer(start, goal, sigma, self.inputs["query"][0], self._answer)
+            self._head.answer(start, goal, sigma, self._answer)
         return self._answer
 
     def answers(self) -> Planes:
@@ -119,24 +119,23 @@ class NetworkModel:
         """
         self.metadata = m = loaded.metadata
         self.inputs: dict[str, Planes] = {
-            name: np.zeros(shape, np.bool_ if name == ASK else np.float32)
-            for name, shape in loaded.inputs.items()
+            name: np.zeros(shape, np.float32) for name, shape in loaded.inputs.items()
         }
         self._outputs = {
             name: np.zeros(shape, np.float32) for name, shape in loaded.outputs.items()
         }
         self._use_session(loaded)
-        self._head: PlaceHead | None = None
-        self._answer: Float2D = self._outputs[OUTPUT][0, 0]
         self._encoded = False
-        if loaded.head_parameters is not None:
+        self._head: PlaceHead | None = None
+        self._answer: Float2D
+        if loaded.head_parameters is None:
+            self._answer = self._outputs[OUTPUT][0, 0]
+        else:
             self._head = PlaceHead(loaded.head_parameters, m.head, m.input_size // QUERY_SPACING)
             self._answer = np.empty((m.blocks, m.blocks), np.float32)
 
     def _use_session(self, loaded: LoadedModel) -> None:
-        """Bind inputs and outputs to this session; of a network in two parts it runs the encoder
-        alone.
-        """
+        """Bind inputs and outputs to this session."""
         self._loaded = loaded
         self.session = loaded.session
         self._binding = self.session.io_binding()

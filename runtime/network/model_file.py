@@ -14,6 +14,8 @@ from nnpp_edge.runtime.network.graph_check import checked_metadata
 from nnpp_edge.runtime.reading import problem_with_file, refused_as
 
 METADATA_KEY = "nnpp_edge"
+HEAD_KEY = "nnpp_edge_head"
+"""Of the head's parameters, in networks with the encoding ``ends``."""
 FORMAT: Final = "nnpp-edge-model-1"
 _BLOCK = "slope_across slope_down above_3 above_7 above_15 slope step blocked_by_slope known"
 _MAP = "limited factor cell"

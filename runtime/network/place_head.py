@@ -3,15 +3,16 @@ place.
 
 onnxruntime runs the encoder when the map changes. A query takes a quarter of a million
 multiplications, less than a call of onnxruntime costs, so they are done here. The ONNX file holds
-the head too; both are compared at load.
+the head's parameters beside its metadata.
 """
 
+import base64
 import math
 
 import numpy as np
 
-from nnpp_edge.runtime.arrays import Planes
-from nnpp_edge.runtime.kernels.encoding import BETWEEN_CHANNELS, END_CHANNELS
+from nnpp_edge.runtime.arrays import Float32s, Planes
+from nnpp_edge.runtime.kernels.encoding import BETWEEN_CHANNELS, END_CHANNELS, ENDS_CHANNELS
 from nnpp_edge.runtime.kernels.place_head import ANSWERS, answer_ends
 from nnpp_edge.runtime.network.encoding import Point
 from nnpp_edge.runtime.network.model_file import QUERY_SPACING
@@ -29,9 +30,20 @@ def parameter_shapes(sizes: tuple[int, ...]) -> tuple[tuple[int, int], ...]:
     return *way, *relations, (BETWEEN_CHANNELS, first), *layers
 
 
-def count_parameters(sizes: tuple[int, ...]) -> int:
-    """How many numbers a head of these sizes has in all."""
-    return sum(inputs * outputs for inputs, outputs in parameter_shapes(sizes))
+def text_of(parameters: Float32s) -> str:
+    """Parameters (N,) as text, for a file's metadata."""
+    return base64.b64encode(parameters.astype("<f4").tobytes()).decode()
+
+
+def parameters_of(text: str, sizes: tuple[int, ...]) -> Float32s:
+    """The parameters of a head of these sizes, (N,); ValueError where the text does not
+    hold them.
+    """
+    parameters = np.frombuffer(base64.b64decode(text, validate=True), "<f4")
+    wanted = sum(math.prod(shape) for shape in parameter_shapes(sizes))
+    if len(parameters) != wanted or not np.isfinite(parameters).all():
+        raise ValueError(f"wanted {wanted} finite parameters of its head, got {len(parameters)}")
+    return parameters
 
 
 class PlaceHead:
@@ -39,21 +51,20 @@ class PlaceHead:
     `parameter_shapes`.
     """
 
-    def __init__(self, parameters: Planes, sizes: tuple[int, ...], side: int) -> None:
+    def __init__(self, parameters: Float32s, sizes: tuple[int, ...], side: int) -> None:
         shapes = parameter_shapes(sizes)
         ends = np.cumsum([math.prod(shape) for shape in shapes])
         parts = np.split(parameters, ends[:-1])
         self._matrices = tuple(map(np.reshape, parts, shapes))
         self._places: Planes = np.zeros((side * side, 2 * sizes[0]), np.float32)
+        self._query: Planes = np.zeros((ENDS_CHANNELS, side, side), np.float32)
 
     def describe(self, places: Planes) -> None:
         """Take over the encoder's two descriptions of each place: (1, 2R, P, P) float32."""
         self._places[:] = places.reshape(places.shape[1], -1).T
 
-    def answer(self, start: Point, goal: Point, sigma: float, query: Planes, out: Planes) -> None:
-        """Probabilities, (2P, 2P) float32, into `out`, and into `query` what
-        `encode_ends` writes.
-        """
+    def answer(self, start: Point, goal: Point, sigma: float, out: Planes) -> None:
+        """Probabilities, (2P, 2P) float32, into `out`."""
         ends = (*start, *goal)
         spacing = float(QUERY_SPACING)
-        answer_ends(ends, spacing, sigma, self._places, query, self._matrices, out)
+        answer_ends(ends, spacing, sigma, self._places, self._query, self._matrices, out)
