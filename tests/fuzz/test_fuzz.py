@@ -23,8 +23,6 @@ from tests.fuzz.cases import Place, Problem
 from tests.fuzz.children import ROOMY, Ended, Limits, run_forked
 from tests.fuzz.commands import Command
 
-FAST = {"layers": 60, "sequences": 200, "elevations": 60, "projections": 60}
-"""Those of bodies are done by the runtime's tests."""
 pytestmark = pytest.mark.filterwarnings(
     "ignore:the network .* was trained for omega", "ignore:nnpp goes by the price"
 )
@@ -44,13 +42,6 @@ def test_a_few_cases_of_each_target_are_clean_in_processes_of_their_own(tmp_path
     env = os.environ | {"PYTHONPATH": samples.ROOT}
     ended = subprocess.run(command, cwd=tmp_path, env=env, capture_output=True, text=True)
     assert ended.returncode == 0 and "0 findings" in ended.stdout, ended.stdout + ended.stderr
-
-
-@pytest.mark.parametrize("target", FAST)
-def test_a_few_cases_are_clean(target, place):
-    for seed in range(FAST[target]):
-        problem = runner.check_case(target, seed, place)
-        assert problem is None, f"--target {target} --seed {seed}: {problem.kind}\n{problem.detail}"
 
 
 def test_a_seed_makes_the_same_case_again(place):

@@ -15,7 +15,7 @@ from nnpp_edge.model.network import Network
 from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime import NetworkModel
 from nnpp_edge.runtime.errors import DataSetError, ModelError
-from nnpp_edge.runtime.network.model_file import HEAD_KEY
+from nnpp_edge.runtime.network.model_file import HEAD_KEY, model_path
 from nnpp_edge.terrain.shards import Recipe
 from nnpp_edge.training.checkpoint import Checkpoint, Progress, TrainSettings, load_checkpoint
 from tests.training.conftest import enlarged
@@ -65,16 +65,9 @@ def exported(request, tmp_path_factory):
     return SimpleNamespace(network=network, spec=network.spec, file=file, report=report)
 
 
-@pytest.fixture(scope="module")
-def edge_model(tmp_path_factory):
-    file = tmp_path_factory.mktemp("edge") / "model.onnx"
-    export_network(lived_in(EDGE), file, name="edge")
-    return file
-
-
 @pytest.mark.parametrize("text", ["", "no numbers", "AACAPw==", None])
-def test_a_head_without_its_parameters_is_refused(edge_model, tmp_path, text):
-    model = onnx.load(edge_model)
+def test_a_head_without_its_parameters_is_refused(tmp_path, text):
+    model = onnx.load(model_path("edge-fp32"))
     stored = {each.key: each.value for each in model.metadata_props}
     del stored[HEAD_KEY]
     if text is not None:
