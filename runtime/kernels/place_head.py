@@ -1,9 +1,12 @@
-"""The head of a network in two parts. See `network.place_head`."""
+"""The head of a network in two parts. See `network.place_head`.
+
+All arrays have a row a channel and a column a place, so that the innermost loops go along places.
+"""
 
 import math
 
 import numpy as np
-from numpy import float32, inf
+from numpy import float32
 
 from nnpp_edge.runtime.compiled.kernel import helper, kernel
 from nnpp_edge.runtime.kernels.encoding import END_CHANNELS, fill_ends
@@ -13,21 +16,22 @@ ANSWERS = 4
 
 
 @helper
-def _add(values, matrix, out, above):
-    """Add the product of the values (N, inputs) above a number and a matrix (inputs, outputs)."""
-    for n in range(len(values)):
+def _add(values, matrix, out):
+    """Add the product of the values (inputs, N) and a matrix (inputs, outputs) to (outputs, N)."""
+    for o in range(matrix.shape[1]):
         for i in range(len(matrix)):
-            value = values[n, i]
-            if value > above:
-                for o in range(matrix.shape[1]):
-                    out[n, o] += value * matrix[i, o]
+            weight = matrix[i, o]
+            for n in range(values.shape[1]):
+                out[o, n] += weight * values[i, n]
 
 
 @helper
-def _layer(values, matrix, bias, out):
-    """Write the next layer: the bias and the product of the values above 0 and a matrix."""
-    out[:] = bias
-    _add(values, matrix, out, 0.0)
+def _read(values, weights, out):
+    """Add the values (W, N) at an end, by the weights (N,), of which few are above 0, to (W, 1)."""
+    for n in range(len(weights)):
+        if weights[n] > 0.0:
+            for w in range(len(values)):
+                out[w, 0] += weights[n] * values[w, n]
 
 
 @helper
@@ -36,7 +40,7 @@ def _put_answers(last, side, out):
     for i in range(2 * side):
         for j in range(2 * side):
             place = (i // 2) * side + j // 2
-            value = last[place, 2 * (i % 2) + j % 2]
+            value = last[2 * (i % 2) + j % 2, place]
             out[i, j] = float32(1.0) / (float32(1.0) + math.exp(-value))
 
 
@@ -48,7 +52,7 @@ def answer_ends(ends, spacing, sigma, places, query, matrices, out):
 
     Parameters
     ----------
-    places : (P², 2R) float32
+    places : (2R, P²) float32
         The encoder's two descriptions of each place.
     query : (15, P, P) float32
         Written: start and goal, encoded.
@@ -60,34 +64,34 @@ def answer_ends(ends, spacing, sigma, places, query, matrices, out):
     fill_ends(query, *ends, spacing, sigma)
     side = query.shape[1]
     count = side * side
-    flat = query.reshape(len(query), -1)
-    width = places.shape[1] // 2
+    flat = query.reshape(len(query), count)
+    width = len(places) // 2
     way, way_bias, both, both_bias, across, between = matrices[:6]
     mix, mix_bias, answer, answer_bias = matrices[6:]
     # what is computed
-    to_start = np.empty((count, width), float32)
-    to_goal = np.empty_like(to_start)
-    at_end = np.empty((1, width), float32)
-    crossed = np.zeros((1, width), float32)
-    first = np.empty((count + 1, both.shape[1]), float32)
-    second = np.empty((count, mix.shape[1]), float32)
-    last = np.empty((count, ANSWERS), float32)
+    related = np.empty((2, width, count), float32)
+    crossed = np.zeros((width, 1), float32)
+    first = np.empty((both.shape[1], count), float32)
+    second = np.empty((mix.shape[1], count), float32)
+    last = np.empty((ANSWERS, count), float32)
     # each place in relation to an end, and one end to the other
-    for related, n in ((to_start, 0), (to_goal, END_CHANNELS)):
-        _layer(flat[n : n + 1], places[:, width:], way_bias, at_end)
-        related[:] = places[:, :width] + at_end
-        _add(flat[n + 1 : n + END_CHANNELS].T, way, related, -inf)
-        np.maximum(related, float32(0.0), related)
-        other = END_CHANNELS - n
-        _add(flat[other : other + 1], related, crossed, 0.0)
-    # the hidden layers; the last row of the first is what both ends give to every place
-    of_places = first[:-1]
-    of_ends = first[-1:]
-    _layer(crossed, across, both_bias, of_ends)
-    of_places[:] = first[-1]
-    to_start += to_goal
-    _add(flat[2 * END_CHANNELS :].T, between, of_places, 0.0)
-    _add(to_start, both, of_places, 0.0)
-    _layer(of_places, mix, mix_bias, second)
-    _layer(second, answer, answer_bias, last)
+    for end, n in enumerate((0, END_CHANNELS)):
+        at_end = way_bias.T.copy()
+        _read(places[width:], flat[n], at_end)
+        related[end] = places[:width] + at_end
+        _add(flat[n + 1 : n + END_CHANNELS], way, related[end])
+        np.maximum(related[end], float32(0.0), related[end])
+        _read(related[end], flat[END_CHANNELS - n], crossed)
+    # the hidden layers; the first begins with what both ends give to every place
+    of_ends = both_bias.T.copy()
+    _add(crossed, across, of_ends)
+    first[:] = of_ends
+    _add(flat[2 * END_CHANNELS :], between, first)
+    _add(related[0] + related[1], both, first)
+    np.maximum(first, float32(0.0), first)
+    second[:] = mix_bias.T
+    _add(first, mix, second)
+    np.maximum(second, float32(0.0), second)
+    last[:] = answer_bias.T
+    _add(second, answer, last)
     _put_answers(last, side, out)

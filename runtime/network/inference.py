@@ -11,7 +11,7 @@ from nnpp_edge.runtime.arrays import Float2D, Planes, in_blocks
 from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.network.encoding import Point, encode_gaussian
 from nnpp_edge.runtime.network.loading import OUTPUT, PLACES, LoadedModel, opened
-from nnpp_edge.runtime.network.model_file import QUERY_SPACING, model_path
+from nnpp_edge.runtime.network.model_file import model_path
 from nnpp_edge.runtime.network.place_head import PlaceHead
 from nnpp_edge.runtime.reading import refused_as
 
@@ -88,7 +88,6 @@ class NetworkModel:
         else:
             if anew or not self._encoded:
                 self._infer()
-                self._head.describe(self._outputs[PLACES])
                 self._encoded = True
             self._head.answer(start, goal, sigma, self._answer)
         return self._answer
@@ -131,7 +130,7 @@ class NetworkModel:
         if loaded.head_parameters is None:
             self._answer = self._outputs[OUTPUT][0, 0]
         else:
-            self._head = PlaceHead(loaded.head_parameters, m.head, m.input_size // QUERY_SPACING)
+            self._head = PlaceHead(loaded.head_parameters, m.head, self._outputs[PLACES])
             self._answer = np.empty((m.blocks, m.blocks), np.float32)
 
     def _use_session(self, loaded: LoadedModel) -> None:

@@ -47,21 +47,18 @@ def parameters_of(text: str, sizes: tuple[int, ...]) -> Float32s:
 
 
 class PlaceHead:
-    """The head of these sizes, for places in a square of `side`; `parameters` (N,) float32 as
-    `parameter_shapes`.
+    """The head of these sizes, with `parameters` (N,) float32 as `parameter_shapes`, over the
+    encoder's two descriptions of each place, (1, 2R, P, P) float32, as they are when it answers.
     """
 
-    def __init__(self, parameters: Float32s, sizes: tuple[int, ...], side: int) -> None:
+    def __init__(self, parameters: Float32s, sizes: tuple[int, ...], places: Planes) -> None:
         shapes = parameter_shapes(sizes)
         ends = np.cumsum([math.prod(shape) for shape in shapes])
         parts = np.split(parameters, ends[:-1])
         self._matrices = tuple(map(np.reshape, parts, shapes))
-        self._places: Planes = np.zeros((side * side, 2 * sizes[0]), np.float32)
-        self._query: Planes = np.zeros((ENDS_CHANNELS, side, side), np.float32)
-
-    def describe(self, places: Planes) -> None:
-        """Take over the encoder's two descriptions of each place: (1, 2R, P, P) float32."""
-        self._places[:] = places.reshape(places.shape[1], -1).T
+        _, channels, *square = places.shape
+        self._places = places.reshape(channels, -1)
+        self._query: Planes = np.zeros((ENDS_CHANNELS, *square), np.float32)
 
     def answer(self, start: Point, goal: Point, sigma: float, out: Planes) -> None:
         """Probabilities, (2P, 2P) float32, into `out`."""
