@@ -4,7 +4,8 @@
 
 import math
 
-from numpy import inf
+import numpy as np
+from numpy import float32, inf
 
 from nnpp_edge.runtime.compiled.kernel import helper, inlined, kernel
 from nnpp_edge.runtime.kernels.records import Area
@@ -44,24 +45,50 @@ def pool_planes(weights, stride, shape, scale, offset, inner, parts, planes):
     """
     rows, cols = shape
     inner_rows, inner_cols = inner
+    sums = np.empty(cols, float32)
+    walls = np.empty(cols, float32)
     for n in range(len(parts)):
         part = cells_of_part(parts[n], shape, inner)
+        if part.row0 >= part.row1 or part.col0 >= part.col1:
+            continue
+        begin, _ = cells_under(part.col0, inner_cols, cols)
+        _, end = cells_under(part.col1 - 1, inner_cols, cols)
         for i in range(part.row0, part.row1):
             top, bottom = cells_under(i, inner_rows, rows)
-            for j in range(part.col0, part.col1):
-                left, right = cells_under(j, inner_cols, cols)
-                total = 0.0
-                blocked = 0
-                for row in range(top, bottom):
-                    for col in range(left, right):
-                        weight = weights[(row + 1) * stride + col + 1]
-                        if weight == inf:
-                            blocked += 1
-                        else:
-                            total += min(max(weight * scale + offset, 0.0), 1.0)
-                cells = (bottom - top) * (right - left)
-                planes[0, i, j] = (total + blocked) / cells
-                planes[1, i, j] = blocked / cells
+            sums[begin:end] = 0.0
+            walls[begin:end] = 0.0
+            for row in range(top, bottom):
+                first = (row + 1) * stride + 1
+                line = weights[first + begin : first + end]
+                add_costs(line, scale, offset, sums[begin:end], walls[begin:end])
+            put_means(planes, i, part, inner_cols, bottom - top, sums, walls)
+
+
+@helper
+def add_costs(line, scale, offset, sums, walls):
+    """Add weights as costs to sums, impassable cells as 1, and count those in `walls`. All (n,)
+    float32.
+    """
+    for c in range(len(line)):
+        wall = line[c] == inf
+        cost = min(max(line[c] * scale + offset, float32(0.0)), float32(1.0))
+        sums[c] += float32(1.0) if wall else cost
+        walls[c] += float32(1.0) if wall else float32(0.0)
+
+
+@helper
+def put_means(planes, i, part, inner_cols, lines, sums, walls):
+    """Write the part's row i of network cells, from the sums of each column over so many lines."""
+    for j in range(part.col0, part.col1):
+        left, right = cells_under(j, inner_cols, len(sums))
+        total = float32(0.0)
+        blocked = float32(0.0)
+        for col in range(left, right):
+            total += sums[col]
+            blocked += walls[col]
+        per_cell = float32(1.0 / (lines * (right - left)))
+        planes[0, i, j] = total * per_cell
+        planes[1, i, j] = blocked * per_cell
 
 
 @helper

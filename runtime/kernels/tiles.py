@@ -11,7 +11,12 @@ from numpy import float32, inf, int64, uint64
 
 from nnpp_edge.runtime.compiled.kernel import helper, inlined, kernel
 from nnpp_edge.runtime.kernels.by_address import borrowed, call_at
-from nnpp_edge.runtime.kernels.encoding import cells_of_part, cells_under
+from nnpp_edge.runtime.kernels.encoding import (
+    add_costs,
+    cells_of_part,
+    cells_under,
+    put_means,
+)
 from nnpp_edge.runtime.kernels.pooling import (
     NO_AREA,
     above,
@@ -482,25 +487,6 @@ def sample_planes(tiles, window, parts, inner, planes):
                 lines += 1
                 area = Area(row, row + 1, window.col + begin, window.col + end)
                 _weigh(source, area, line, -row * window.cols - window.col, window.cols)
-                _add(line[begin:end], per_weight, sums[begin:end], walls[begin:end])
-            for j in range(part.col0, part.col1):
-                left, right = cells_under(j, inner_cols, window.cols)
-                total = float32(0.0)
-                blocked = float32(0.0)
-                for col in range(left, right):
-                    total += sums[col]
-                    blocked += walls[col]
-                over_cells = float32(1.0 / (lines * (right - left)))
-                planes[0, i, j] = total * over_cells
-                planes[1, i, j] = blocked * over_cells
-
-
-@helper
-def _add(line, per_weight, sums, walls):
-    """Add weights as costs to sums, impassable cells as 1, and count those in `walls`. All (n,)
-    float32.
-    """
-    for c in range(len(line)):
-        wall = line[c] == inf
-        sums[c] += float32(1.0) if wall else line[c] * per_weight
-        walls[c] += float32(1.0) if wall else float32(0.0)
+                costs = line[begin:end]
+                add_costs(costs, per_weight, float32(0.0), sums[begin:end], walls[begin:end])
+            put_means(planes, i, part, inner_cols, lines, sums, walls)

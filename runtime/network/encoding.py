@@ -80,7 +80,7 @@ def map_planes(
     weights = grid.weights[corner[0] * grid.stride + corner[1] :]
     stride = grid.stride
     window = (frame.rows, frame.cols)
-    scaled = grid.as_traversability()
+    scaled = map(np.float32, grid.as_traversability())
     pool_planes(weights, stride, window, *scaled, frame.inner, np.array(parts), out)
 
 

@@ -127,10 +127,10 @@ class NetworkModel:
         self._encoded = False
         self._head: PlaceHead | None = None
         self._answer: Float2D
-        if loaded.head_parameters is None:
+        if loaded.head is None:
             self._answer = self._outputs[OUTPUT][0, 0]
         else:
-            self._head = PlaceHead(loaded.head_parameters, m.head, self._outputs[PLACES])
+            self._head = PlaceHead(loaded.head, self._outputs[PLACES])
             self._answer = np.empty((m.blocks, m.blocks), np.float32)
 
     def _use_session(self, loaded: LoadedModel) -> None:

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from weakref import WeakValueDictionary
 
-from nnpp_edge.runtime.arrays import Float32s
 from nnpp_edge.runtime.errors import ModelError, NnppEdgeError
 from nnpp_edge.runtime.network.model_file import (
     HEAD_KEY,
@@ -26,7 +25,7 @@ from nnpp_edge.runtime.network.model_file import (
     model_path,
     read_metadata,
 )
-from nnpp_edge.runtime.network.place_head import parameters_of
+from nnpp_edge.runtime.network.place_head import Matrices, matrices_of
 from nnpp_edge.runtime.network.unseen import ANSWERS as ANSWERS_UNSEEN
 from nnpp_edge.runtime.reading import refused_as
 from nnpp_edge.runtime.tuning import TWO_THREADS_FROM
@@ -64,7 +63,7 @@ class LoadedModel:
     metadata: ModelMetadata
     inputs: Shapes
     outputs: Shapes
-    head_parameters: Float32s | None
+    head: Matrices | None
     """Of a network in two parts."""
     process: int
     """That opened it."""
@@ -157,7 +156,7 @@ def _load(path: Path, key: Key) -> LoadedModel:
         head = None
         if metadata.encoding == "ends":
             text = session.get_modelmeta().custom_metadata_map.get(HEAD_KEY, "")
-            head = parameters_of(text, metadata.head)
+            head = matrices_of(text, metadata.head)
     if _identity(path) != identity:
         raise ModelError(f"{path}: wanted an ONNX model, got one that changed while it was loaded")
     parallel = count != 1

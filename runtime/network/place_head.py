@@ -17,6 +17,9 @@ from nnpp_edge.runtime.kernels.place_head import ANSWERS, answer_ends
 from nnpp_edge.runtime.network.encoding import Point
 from nnpp_edge.runtime.network.model_file import QUERY_SPACING
 
+Matrices = tuple[Planes, ...]
+"""The parameters of a head, as `parameter_shapes`."""
+
 
 def parameter_shapes(sizes: tuple[int, ...]) -> tuple[tuple[int, int], ...]:
     """Matrices of a head in their order, as (inputs, outputs); those of one input are biases.
@@ -35,27 +38,23 @@ def text_of(parameters: Float32s) -> str:
     return base64.b64encode(parameters.astype("<f4").tobytes()).decode()
 
 
-def parameters_of(text: str, sizes: tuple[int, ...]) -> Float32s:
-    """The parameters of a head of these sizes, (N,); ValueError where the text does not
-    hold them.
-    """
-    parameters = np.frombuffer(base64.b64decode(text, validate=True), "<f4")
-    wanted = sum(math.prod(shape) for shape in parameter_shapes(sizes))
-    if len(parameters) != wanted or not np.isfinite(parameters).all():
-        raise ValueError(f"wanted {wanted} finite parameters of its head, got {len(parameters)}")
-    return parameters
+def matrices_of(text: str, sizes: tuple[int, ...]) -> Matrices:
+    """The parameters of a head of these sizes; ValueError where the text does not hold them."""
+    parameters = np.frombuffer(base64.b64decode(text, validate=True), "<f4").astype(np.float32)
+    shapes = parameter_shapes(sizes)
+    ends = np.cumsum([math.prod(shape) for shape in shapes])
+    if len(parameters) != ends[-1] or not np.isfinite(parameters).all():
+        raise ValueError(f"wanted {ends[-1]} finite parameters of its head, got {len(parameters)}")
+    return tuple(map(np.reshape, np.split(parameters, ends[:-1]), shapes))
 
 
 class PlaceHead:
-    """The head of these sizes, with `parameters` (N,) float32 as `parameter_shapes`, over the
-    encoder's two descriptions of each place, (1, 2R, P, P) float32, as they are when it answers.
+    """The head with these parameters, over the encoder's two descriptions of each place,
+    (1, 2R, P, P) float32, as they are when it answers.
     """
 
-    def __init__(self, parameters: Float32s, sizes: tuple[int, ...], places: Planes) -> None:
-        shapes = parameter_shapes(sizes)
-        ends = np.cumsum([math.prod(shape) for shape in shapes])
-        parts = np.split(parameters, ends[:-1])
-        self._matrices = tuple(map(np.reshape, parts, shapes))
+    def __init__(self, matrices: Matrices, places: Planes) -> None:
+        self._matrices = matrices
         _, channels, *square = places.shape
         self._places = places.reshape(channels, -1)
         self._query: Planes = np.zeros((ENDS_CHANNELS, *square), np.float32)

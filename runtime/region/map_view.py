@@ -4,6 +4,7 @@ needed.
 
 import math
 import warnings
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,9 @@ from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.search.region import Lookup
 from nnpp_edge.runtime.terrain.step_cost import GREY_LEVELS, StepCost
 from nnpp_edge.runtime.tuning import STRIPE_CELLS, WINDOW_ROUNDING, WINDOW_SHARE
+
+_Place = tuple[tuple[int, int], Rectangle, Frame, int]
+"""A map's shape, the window that the network is shown, its frame, and blocks to a side."""
 
 
 class MapView:
@@ -100,32 +104,16 @@ class MapView:
         """The block of each row's and column's middle on the level of that number; whether steps
         leave out none.
         """
-        if number not in self._level_lookups:
-            factor = FACTOR**number
-            rows, cols = (
-                blocks[np.minimum(np.arange(cells) * factor + factor // 2, len(blocks) - 1)]
-                for blocks, cells in zip(self.lookup, level.shape, strict=True)
-            )
-            inside = (each[each < self.blocks] for each in (rows, cols))
-            touching = all((np.diff(each) <= 1).all() for each in inside)
-            self._level_lookups[number] = (rows, cols), touching
-        return self._level_lookups[number]
+        return _lookup_at(level.shape, number, self._place)
 
     def _show_window(self, window: Rectangle) -> None:
         """Look at this rectangle of the map from now on."""
         self.window = window
-        row0, col0, rows, cols = window
+        _, _, rows, cols = window
         self.frame = Frame(rows, cols, self.size)
-        # cells outside the window lie in the bitmap's last row or column
-        of_rows, of_cols = self.frame.lookup(self.blocks)
-        rows_after = self._grid.rows - row0 - rows
-        cols_after = self._grid.cols - col0 - cols
-        self.lookup: Lookup = (
-            np.pad(of_rows, (row0, rows_after), constant_values=self.blocks),
-            np.pad(of_cols, (col0, cols_after), constant_values=self.blocks),
-        )
+        self._place = self._grid.shape, window, self.frame, self.blocks
+        self.lookup = _lookup(self._place)
         """The block that each row and column of the map lies in."""
-        self._level_lookups: dict[int, tuple[Lookup, bool]] = {}
         self._drift = math.inf
         self._changes.skip()
         self.planes[:] = 1.0
@@ -197,3 +185,32 @@ class MapView:
             if not all(low <= cell[axis] < high for cell in cells):
                 return False
         return True
+
+
+# kept by their shapes, for the next map
+
+
+@lru_cache(maxsize=8)
+def _lookup(place: _Place) -> Lookup:
+    """The block that each row and column of a map lies in; outside the window one past the last."""
+    shape, window, frame, blocks = place
+    found = []
+    for side, first, inside, of_window in zip(
+        shape, window[:2], window[2:], frame.lookup(blocks), strict=True
+    ):
+        of_map = np.full(side, blocks, np.int32)
+        of_map[first : first + inside] = of_window
+        found.append(of_map)
+    return found[0], found[1]
+
+
+@lru_cache(maxsize=8)
+def _lookup_at(level: tuple[int, int], number: int, place: _Place) -> tuple[Lookup, bool]:
+    """As `MapView.lookup_at`, for a level of this shape."""
+    factor = FACTOR**number
+    rows, cols = (
+        of_map[np.minimum(np.arange(cells) * factor + factor // 2, len(of_map) - 1)]
+        for of_map, cells in zip(_lookup(place), level, strict=True)
+    )
+    inside = (each[each < place[-1]] for each in (rows, cols))
+    return (rows, cols), all((np.diff(each) <= 1).all() for each in inside)
