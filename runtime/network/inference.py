@@ -10,7 +10,7 @@ from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D, Planes, in_blocks
 from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.network.encoding import Point, encode_gaussian
-from nnpp_edge.runtime.network.loading import ASK, OUTPUT, PLACES, LoadedModel, opened
+from nnpp_edge.runtime.network.loading import ASK, HEAD, OUTPUT, PLACES, LoadedModel, opened
 from nnpp_edge.runtime.network.model_file import QUERY_SPACING, model_path
 from nnpp_edge.runtime.network.place_head import PlaceHead
 from nnpp_edge.runtime.reading import refused_as
@@ -129,8 +129,9 @@ class NetworkModel:
         self._head: PlaceHead | None = None
         self._answer: Float2D = self._outputs[OUTPUT][0, 0]
         self._encoded = False
-        if loaded.head_parameters is not None:
-            self._head = PlaceHead(loaded.head_parameters, m.head, m.input_size // QUERY_SPACING)
+        if m.encoding == "ends":
+            # the encoder writes the head's parameters with each description
+            self._head = PlaceHead(self._outputs[HEAD], m.head, m.input_size // QUERY_SPACING)
             self._answer = np.empty((m.blocks, m.blocks), np.float32)
 
     def _use_session(self, loaded: LoadedModel) -> None:

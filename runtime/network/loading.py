@@ -16,9 +16,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from weakref import WeakValueDictionary
 
-import numpy as np
-
-from nnpp_edge.runtime.arrays import Planes
 from nnpp_edge.runtime.errors import ModelError, NnppEdgeError
 from nnpp_edge.runtime.kernels.encoding import ENDS_CHANNELS
 from nnpp_edge.runtime.kernels.place_head import ANSWERS
@@ -29,7 +26,7 @@ from nnpp_edge.runtime.network.model_file import (
     model_path,
     read_metadata,
 )
-from nnpp_edge.runtime.network.place_head import PlaceHead, count_parameters
+from nnpp_edge.runtime.network.place_head import count_parameters
 from nnpp_edge.runtime.network.unseen import ANSWERS as ANSWERS_UNSEEN
 from nnpp_edge.runtime.reading import refused_as
 from nnpp_edge.runtime.tuning import TWO_THREADS_FROM
@@ -49,8 +46,6 @@ _UNSHUFFLE = 4
 DEFAULT_THREADS = 2
 KEPT = 2
 """Sessions kept without a network that uses them."""
-_ROUNDING = 1e-4
-"""Most that the head's answer may differ from its graph's, which adds in another order."""
 Shapes = dict[str, tuple[int, ...]]
 Identity = tuple[int, ...]
 """Device, inode, size and times of a file: what tells it from any other, and from what it was
@@ -73,8 +68,6 @@ class LoadedModel:
     metadata: ModelMetadata
     inputs: Shapes
     outputs: Shapes
-    head_parameters: Planes | None
-    """Of a network in two parts."""
     process: int
     """That opened it."""
 
@@ -163,15 +156,10 @@ def _load(path: Path, key: Key) -> LoadedModel:
             raise ModelError(
                 f"{path}: wanted inputs and outputs {wanted} by its metadata, got {got}"
             )
-        head = None
-        if metadata.encoding == "ends":
-            head = _checked_head(path, session, metadata, inputs)
     if _identity(path) != identity:
         raise ModelError(f"{path}: wanted an ONNX model, got one that changed while it was loaded")
     parallel = count != 1
-    return LoadedModel(
-        identity, threads, parallel, session, metadata, inputs, outputs, head, os.getpid()
-    )
+    return LoadedModel(identity, threads, parallel, session, metadata, inputs, outputs, os.getpid())
 
 
 def open_session(path: Path, threads: int) -> "InferenceSession":
@@ -204,33 +192,6 @@ def _shapes(m: ModelMetadata) -> tuple[Shapes, Shapes]:
     }
     in_parts = {PLACES: (1, 2 * m.head[0], places, places), HEAD: (count_parameters(m.head),)}
     return inputs, {OUTPUT: (1, ANSWERS, places, places), **in_parts}
-
-
-def _checked_head(
-    path: Path, session: "InferenceSession", m: ModelMetadata, inputs: Shapes
-) -> Planes:
-    """The parameters of the head; ModelError where they do not answer what the graph does."""
-    seen = np.random.default_rng(0).random(inputs["map"], np.float32)
-    side = m.input_size // QUERY_SPACING
-    far = float(m.input_size - 1)
-    asked = ((0.3 * far, 0.0), (far, 0.6 * far), m.sigma * m.input_size)
-    query = np.zeros(inputs["query"], np.float32)
-    answer = np.empty((m.blocks, m.blocks), np.float32)
-    # a head without parameters encodes the query: compiled code that plans need is read, and no
-    # other
-    nothing = np.zeros(count_parameters(m.head), np.float32)
-    PlaceHead(nothing, m.head, side).answer(*asked, query[0], answer)
-    given = {"map": seen, "query": query, ASK: np.ones(1, np.bool_)}
-    with refused_as(ModelError, f"{path}: wanted an ONNX model, got one whose graph fails"):
-        wanted, places, found = session.run([OUTPUT, PLACES, HEAD], given)
-    parameters = np.array(found, np.float32)
-    head = PlaceHead(parameters, m.head, side)
-    head.describe(places)
-    head.answer(*asked, query[0], answer)
-    in_place = wanted.reshape(2, 2, side, side).transpose(2, 0, 3, 1).reshape(answer.shape)
-    if not np.abs(answer - in_place).max() <= _ROUNDING:
-        raise ModelError(f"{path}: the head's parameters are not those of its graph")
-    return parameters
 
 
 def _after_fork() -> None:

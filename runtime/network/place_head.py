@@ -3,7 +3,7 @@ place.
 
 onnxruntime runs the encoder when the map changes. A query takes a quarter of a million
 multiplications, less than a call of onnxruntime costs, so they are done here. The ONNX file holds
-the head too; both are compared at load.
+the head too, for whoever runs it alone.
 """
 
 import math
@@ -36,7 +36,7 @@ def count_parameters(sizes: tuple[int, ...]) -> int:
 
 class PlaceHead:
     """The head of these sizes, for places in a square of `side`; `parameters` (N,) float32 as
-    `parameter_shapes`.
+    `parameter_shapes`, which are kept and may be written until the first answer.
     """
 
     def __init__(self, parameters: Planes, sizes: tuple[int, ...], side: int) -> None:

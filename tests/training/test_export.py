@@ -63,25 +63,6 @@ def exported(request, tmp_path_factory):
     return SimpleNamespace(network=network, spec=network.spec, file=file, report=report)
 
 
-@pytest.fixture(scope="module")
-def edge_model(tmp_path_factory):
-    file = tmp_path_factory.mktemp("edge") / "model.onnx"
-    export_network(lived_in(EDGE), file, name="edge")
-    return file
-
-
-def test_a_head_that_is_not_its_graphs_is_refused(edge_model, tmp_path):
-    model = onnx.load(edge_model)
-    network = lived_in(EDGE)
-    numbers = network.body.head.parameters_in_order().detach().numpy()
-    (held,) = (each for each in model.graph.initializer if list(each.dims) == [len(numbers)])
-    numbers[-1] += 0.1
-    held.CopyFrom(onnx.numpy_helper.from_array(numbers, held.name))
-    onnx.save(model, tmp_path / "other.onnx")
-    with pytest.raises(ModelError, match="not those of its graph"):
-        NetworkModel(tmp_path / "other.onnx")
-
-
 @pytest.mark.parametrize("source", ["dataset", "random"])
 def test_the_runtime_answers_what_the_network_answers(exported, samples, source):
     """Cell for cell, on maps without any symmetry: the layouts of input and output agree."""
@@ -121,13 +102,8 @@ def test_the_file_is_whole_folded_and_free_of_local_paths(exported):
 
 def test_a_model_that_the_runtime_would_refuse_is_not_written(tmp_path):
     output = tmp_path / "out.onnx"
-    with pytest.raises(ModelError, match="region_factor"):
+    with pytest.raises(ModelError, match=f"^{output}: .*region_factor"):
         export_network(lived_in(EDGE), output, name="x", region_factor=1.5)
-    infinite = lived_in(EDGE)
-    next(infinite.body.encoder.parameters()).data.view(-1)[0] = 3e38
-    infinite.body.head.way.weight.data[:] = 3e38
-    with pytest.raises(ModelError, match=f"^{output}: the head"):
-        export_network(infinite, output, name="x")
     assert not list(tmp_path.iterdir())
 
 
