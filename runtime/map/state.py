@@ -246,14 +246,13 @@ class MapState:
         """Ground under a line (N, 2) inside the map; None on a map of costs, whose heights are not
         known.
 
-        It is told at places `at` (M, 2), by default where the line crosses rows and columns of
-        cells' middles.
+        It is told at places `at` (M, 2), by default at `along.places_along` of the line.
         """
         if self.heights is None or self.sides_m is None:
             return None
-        from nnpp_edge.runtime.map.along import ON_FOOT, Along, crossings
+        from nnpp_edge.runtime.map.along import ON_FOOT, Along, places_along
 
-        places = crossings(line) if at is None else at
+        places = places_along(line) if at is None else at
         slope_cost = self._slope_cost
         walker = slope_cost if slope_cost is not None and slope_cost.function else None
         metres = self.heights.metres_at(places)

@@ -77,9 +77,6 @@ def test_what_is_summed_along_the_way_ends_with_the_whole_and_back_again_climb_i
     assert (there.climb_m, there.descent_m) == pytest.approx((numbers.descent_m, numbers.climb_m))
     assert there.ground_length_m == pytest.approx(numbers.ground_length_m)
     assert there.time_s != pytest.approx(numbers.time_s)
-    assert Along.of(path.astype(np.float64), rough(), (2.0, 3.0), ROVER).numbers == pytest.approx(
-        there, nan_ok=True
-    )
 
 
 def test_heights_between_middles_are_bilinear_and_an_unknown_cell_matters_only_where_it_weighs():
@@ -126,7 +123,7 @@ def test_numbers_of_way_points_are_those_of_the_bilinear_ground():
         ground, climb, descent = brute(line, heights, (2.0, 3.0))
         found = Along.of(line, heights, (2.0, 3.0)).numbers
         assert found.length_m == pytest.approx(np.hypot(*(np.diff(line, axis=0) * (2, 3)).T).sum())
-        # between two crossings the bilinear ground is a parabola, which is taken as its chord
+        # between two places the bilinear ground is about a parabola, which is taken as its chord
         assert found.ground_length_m == pytest.approx(ground, rel=2e-3)
         assert found.climb_m == pytest.approx(climb, rel=0.15) and found.climb_m <= climb + 1e-9
         assert found.descent_m == pytest.approx(descent, rel=0.15)
