@@ -17,7 +17,8 @@ from nnpp_edge.runtime.robots.slope.cost import Mobility, SlopeCost
 Line = Int32 | Floats
 """(N, 2) row and column: cells of a path, or way points between them."""
 Heights = Float32s | Floats
-ON_FOOT = Mobility()
+UNTOLD = Mobility()
+"""Of a robot of which nothing is said."""
 _APART = 0.4
 """Rows or columns between two places on a way between two way points, at most."""
 
@@ -38,7 +39,7 @@ class Numbers(NamedTuple):
     steepest_down_deg: float
     """Likewise of the steepest fall, counted positive."""
     time_s: float
-    """By the vehicle's speeds; else of a walker by the step cost, or by Tobler's function."""
+    """By the vehicle's speeds; else of a walker by the step cost; NaN where that is none."""
     energy_j: float
     """By the vehicle's model; NaN where it has none."""
 
@@ -60,7 +61,7 @@ class Along:
     places: Line
     sampled_m: Heights
     sides_m: Sides
-    mobility: Mobility = ON_FOOT
+    mobility: Mobility = UNTOLD
     walker: SlopeCost | None = None
 
     @classmethod
@@ -80,7 +81,7 @@ class Along:
             places,
             heights_at(heights, places),
             sides_m,
-            mobility or ON_FOOT,
+            mobility or UNTOLD,
             like.walker if like else None,
         )
 
@@ -130,8 +131,8 @@ class Along:
 
     @cached_property
     def time_s(self) -> Floats:
-        """(N,) seconds from the start."""
-        model = self.mobility.time or self.walker or self.mobility.tobler
+        """(N,) seconds from the start; NaN where nobody's speed is known."""
+        model = self.mobility.time or self.walker
         return np.full(len(self.points), math.nan) if model is None else self._by(model)
 
     @property
@@ -139,8 +140,7 @@ class Along:
         """Whose time that is, in words; empty where it is nobody's."""
         if self.mobility.time is not None:
             return "at the vehicle's speeds"
-        walker = self.walker or self.mobility.tobler
-        return f"on foot, by {walker.function}" if walker is not None else ""
+        return "" if self.walker is None else f"on foot, by {self.walker.function}"
 
     @cached_property
     def energy_j(self) -> Floats:

@@ -13,7 +13,7 @@ from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Bool, Cells, Float2D
 from nnpp_edge.runtime.cells import Rectangle, enclosing, holding, patch_at, slices, widened
 from nnpp_edge.runtime.deadline import NEVER, Deadline
-from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, users_line
+from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 from nnpp_edge.runtime.kernels.records import Packed
 from nnpp_edge.runtime.map.changes import Change, ChangeLog, ChangeReader
 from nnpp_edge.runtime.map.grid import Grid
@@ -250,13 +250,13 @@ class MapState:
         """
         if self.heights is None or self.sides_m is None:
             return None
-        from nnpp_edge.runtime.map.along import ON_FOOT, Along, places_along
+        from nnpp_edge.runtime.map.along import UNTOLD, Along, places_along
 
         places = places_along(line) if at is None else at
         slope_cost = self._slope_cost
         walker = slope_cost if slope_cost is not None and slope_cost.function else None
         metres = self.heights.metres_at(places)
-        return Along(places, metres, self.sides_m, self._mobility or ON_FOOT, walker)
+        return Along(places, metres, self.sides_m, self._mobility or UNTOLD, walker)
 
     @property
     def reach_cells(self) -> int:
@@ -304,8 +304,7 @@ def map_state(
         from nnpp_edge.runtime.terrain.traversability import relative_heights, warn_of_saturation
 
         relative, _ = relative_heights(heights)
-        level = 1 + users_line()
-        warn_of_saturation(relative, ground.limits, ground.sides_m, stacklevel=level)
+        warn_of_saturation(relative, ground.limits, ground.sides_m)
     if heights is None:
         model = StepModel.of(ground.step_cost, omega)
         costs = Costs(ground.costs(), model, corner_cutting, tell_unknown or vehicle is not None)

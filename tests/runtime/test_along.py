@@ -50,10 +50,7 @@ def test_a_ramp_up_and_down_again_is_as_long_and_steep_as_it_is_by_hand():
     assert found.steepest_down_deg == pytest.approx(45.0)
     assert found.time_s == pytest.approx(5.0 / 0.1 + 5.0 / 0.1 + math.sqrt(32.0) / 0.2)
     level = Along.of(np.array([(0, 0), (0, 1)], np.int32), np.zeros((1, 2)), (1.0, 1000.0)).numbers
-    assert level.time_s == pytest.approx(
-        3600.0 / (6.0 * math.exp(-3.5 * 0.05))
-    )  # without a vehicle a hiker's
-    assert math.isnan(level.energy_j)
+    assert math.isnan(level.time_s) and math.isnan(level.energy_j)
     weight = 50.0 * 9.80665
     assert found.energy_j == pytest.approx(
         2 * weight * (0.15 * 4 + 3) / 0.8 + 0.3 * weight * (0.15 * 4 - 4)

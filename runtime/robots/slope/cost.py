@@ -398,10 +398,6 @@ def unit_of(step_cost: str) -> str:
     return SLOPE_COSTS[step_cost].unit if step_cost in SLOPE_COSTS else ""
 
 
-_EARTH = 9.80665
-"""m/s²."""
-
-
 @checked(InvalidQueryError)
 @dataclass(frozen=True)
 class Mobility:
@@ -409,24 +405,16 @@ class Mobility:
     model.
     """
 
-    tobler: ToblerCost | None = ToblerCost()
-    """None where nobody walks, off the Earth and in a vehicle, unless that is the step cost."""
+    tobler: ToblerCost = ToblerCost()
     linear: LinearCost = LinearCost()
     time: TimeCost | None = None
     energy: EnergyCost | None = None
     irmischer: IrmischerCost = IrmischerCost()
 
     def under(self, gravity_m_s2: float) -> "Mobility":
-        """This model under another gravity, on which energy depends, and whether anybody walks by
-        default.
-        """
+        """This model under another gravity, on which energy depends."""
         energy = self.energy and replace(self.energy, gravity_m_s2=gravity_m_s2)
-        found = replace(self, energy=energy)
-        return found if gravity_m_s2 == _EARTH else found.unwalked()
-
-    def unwalked(self) -> "Mobility":
-        """This model where nobody walks by default: a walker whose numbers were set stays."""
-        return replace(self, tobler=None) if self.tobler == ToblerCost() else self
+        return replace(self, energy=energy)
 
     def model(self, step_cost: str) -> SlopeCost:
         """The model of that ``step_cost``; InvalidQueryError where there is none, or its table is
@@ -437,8 +425,6 @@ class Mobility:
                 f"step_cost must be one of paper, {', '.join(SLOPE_COSTS)}, got {step_cost!r}"
             )
         found: SlopeCost | None = getattr(self, step_cost)
-        if step_cost == "tobler":
-            found = found or ToblerCost()
         if found is None:
             wanted = (
                 "slope_deg and speed_m_s"
