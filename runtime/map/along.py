@@ -71,19 +71,10 @@ class Along:
         heights: Heights,
         sides_m: Sides,
         mobility: Mobility | None = None,
-        like: "Along | None" = None,
     ) -> "Along":
-        """A line over heights (H, W), metres, NaN where unknown; places and walker as of the line
-        `like`, if any.
-        """
-        places = places_along(line) if like is None else like.places
-        return cls(
-            places,
-            heights_at(heights, places),
-            sides_m,
-            mobility or UNTOLD,
-            like.walker if like else None,
-        )
+        """A line over heights (H, W), metres, NaN where unknown."""
+        places = places_along(line)
+        return cls(places, heights_at(heights, places), sides_m, mobility or UNTOLD)
 
     def back(self) -> "Along":
         """This line from goal to start."""
@@ -213,8 +204,6 @@ def heights_at(heights: Heights, points: Line) -> Floats:
         of_cells: Floats = heights[tuple(points.T)].astype(np.float64)
         return of_cells
     low = np.clip(np.floor(points).astype(np.int32), 0, np.array(heights.shape) - 1)
-    if (low == points).all():
-        return heights_at(heights, low)
     high = np.minimum(low + 1, np.array(heights.shape) - 1)
     down, right = np.clip(points - low, 0.0, 1.0).T
     found = np.zeros(len(points))

@@ -156,7 +156,9 @@ def primitives(vehicle: Vehicle, sides_m: Sides) -> tuple[Prices, float]:
             fares[k + before, at] = cells, fixed_m / sides_m[0]
             origins[move.to + onwards, at] = k + before
     there = (origins >= 0).any(0)
-    tables = [np.compress(there, each, axis=1) for each in (moves, fares, origins)]
+    moves = np.compress(there, moves, axis=1)
+    fares = np.compress(there, fares, axis=1)
+    origins = np.compress(there, origins, axis=1)
     legs = [_leg(k, k) for k in range(DIRECTION_COUNT)]
     lengths = list(map(math.hypot, LEG_ROWS, LEG_COLS))
     shortest = 1.0
@@ -171,7 +173,7 @@ def primitives(vehicle: Vehicle, sides_m: Sides) -> tuple[Prices, float]:
             shortest = min(shortest, cells / by_legs)
     rays = np.array(legs, _INT), np.array(lengths, _FLOAT)
     turns = between(turns_m(vehicle, sides_m) / sides_m[0])
-    return Prices(_FLOAT(0.0), *tables, *rays, turns), shortest
+    return Prices(_FLOAT(0.0), moves, fares, origins, *rays, turns), shortest
 
 
 def turns_m(vehicle: Vehicle, sides_m: Sides) -> Floats:
