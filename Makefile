@@ -56,7 +56,7 @@ coverage: $(DEV)/ready
 	$(PYTEST) --dist worksteal -m 'not slow' --cov --cov-report=term --cov-report=xml:build/coverage.xml
 
 kernels: $(DEV)/ready
-	$(DEV)/bin/nnpp-edge warmup --keep-old
+	$(DEV)/bin/nnpp-edge warmup
 
 lint: $(DEV)/ready
 	$(DEV)/bin/ruff check .
@@ -123,7 +123,7 @@ $(ROS)/ready: pyproject.toml
 	touch $@
 
 ros: $(ROS)/ready
-	$(ROS)/bin/nnpp-edge warmup --keep-old
+	$(ROS)/bin/nnpp-edge warmup
 	$(ROS)/bin/python -m pytest tests/robot/test_ros2*.py
 
 fuzz: $(DEV)/ready

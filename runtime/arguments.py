@@ -1,5 +1,5 @@
-"""Whether arguments are of the kinds that a signature names: what is not is refused before anything
-looks at it.
+"""Whether arguments are of the kinds that a signature names, and numbers in their ranges: what is
+not is refused before anything looks at it.
 
 A public function, method, dataclass or record of options is `checked` against its own annotations,
 in a microsecond or two a call: numbers, text, truth values, paths, instances of classes, sequences
@@ -9,6 +9,7 @@ of these. Arrays and cells have their own checks.
 import builtins
 import functools
 import inspect
+import math
 import sys
 import types
 from collections.abc import Callable, Iterable, Sequence
@@ -24,6 +25,11 @@ from nnpp_edge.runtime.errors import NnppEdgeError, shown
 F = TypeVar("F", bound=Callable[..., object])
 _LARGEST = 1 << 63
 """Whole numbers from here on fit into no kernel."""
+Range = tuple[float, float, str]
+"""The least and the greatest of a number, and what it must be, in words."""
+MOST = sys.float_info.max
+ABOVE_0: Range = math.ulp(0.0), MOST, "a number above 0"
+FROM_0: Range = 0.0, MOST, "a number of at least 0"
 _UNIONS = (Union, types.UnionType)
 _SEQUENCES = (Sequence, Iterable, tuple)
 
@@ -40,6 +46,14 @@ def checked(error: type[NnppEdgeError]) -> Callable[[F], F]:
         return cast(F, _guarded(entry, error))
 
     return of
+
+
+def check_ranges(record: object, error: type[NnppEdgeError], **ranges: Range) -> None:
+    """This error for the first number of a record that is out of its range; None is in any."""
+    for name, (least, most, wanted) in ranges.items():
+        value = getattr(record, name)
+        if value is not None and not least <= value <= most:
+            raise error(f"{name} must be {wanted}, got {value}")
 
 
 def is_real(value: object) -> bool:

@@ -18,7 +18,6 @@ from nnpp_edge.runtime.planners.plan import DynamicMethod
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.planners.refine import Refiner
 from nnpp_edge.runtime.region.learned import RegionFinder
-from nnpp_edge.runtime.robots.body.poses import pose_costs
 from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.terrain.traversability import (
@@ -54,7 +53,7 @@ def parts() -> list[Callable[[], None]]:
         partial(elevations, _BODY),
         partial(elevations, None, "tobler"),
         partial(elevations, _BODY, "tobler"),
-        partial(_exercise_kernels, dem, network),
+        partial(_exercise_kernels, dem),
         partial(_exercise_body_kernels, dem),
         partial(_exercise_costs, network),
     ]
@@ -116,9 +115,8 @@ def _read_only(array: Float2D) -> Float2D:
     return out
 
 
-def _exercise_kernels(dem: Float2D, network: NetworkModel) -> None:
+def _exercise_kernels(dem: Float2D) -> None:
     """Kernels that plans alone do not call."""
-    network.try_out()
     traversability_cost(dem, 1.0, cell_width_m=1.5, warn=False)
     terrain_terms(dem, 1.0)
     finder = RegionFinder(16)
@@ -127,7 +125,6 @@ def _exercise_kernels(dem: Float2D, network: NetworkModel) -> None:
 
 
 def _exercise_body_kernels(dem: Float2D) -> None:
-    pose_costs(dem[:148], 1.0, _BODY)
     planner = Planner.of_elevation(dem, 1.0, vehicle=_BODY, warn=False)
     planner.explain((70, 12), 0.0)
     car = replace(_BODY, turning_radius_m=3.0, reverse_cost=2.0, gear_change_m=1.0)

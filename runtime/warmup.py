@@ -7,15 +7,11 @@ warm-ups at once.
 """
 
 import os
-import re
-import shutil
-import stat
 import subprocess
 import sys
-import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,15 +23,6 @@ from nnpp_edge.runtime.errors import OutputError
 from nnpp_edge.runtime.exercises import exercise, parts
 from nnpp_edge.runtime.memory import available_bytes
 
-_FOLDER_NAME = re.compile(r"kernels-.+-[0-9a-f]{8}")
-_STILL_IN_USE_S = 3600.0
-"""A folder written to within this time may belong to a process that is still running: it is left
-alone.
-"""
-_WATCH_S = 0.5
-"""Between two counts of what is compiled."""
-VERSIONS = 57
-"""Of all kernels, which an empty cache gets: to tell how much of the work is done."""
 MOST_JOBS = 4
 JOB_BYTES = 700_000_000
 """Processes that compile at once unless told otherwise, and the memory that each is to find
@@ -56,8 +43,6 @@ class Warmth:
     compiled: int
     """Versions that were compiled this time; the rest was there already."""
     seconds: float
-    removed: tuple[Path, ...]
-    """Folders of other versions that were deleted."""
 
     def summary(self) -> dict[str, object]:
         """Ready for JSON."""
@@ -65,25 +50,14 @@ class Warmth:
         return facts | {"seconds": round(self.seconds, 3)}
 
 
-def warm_up(
-    *,
-    keep_old: bool = False,
-    jobs: int | None = None,
-    progress: Callable[[int], None] | None = None,
-) -> Warmth:
+def warm_up(jobs: int | None = None) -> Warmth:
     """Compile every kernel into the cache folder; later processes load them from there.
 
     Parameters
     ----------
-    keep_old : bool
-        Leave the kernels of other versions where they are. Otherwise their folders are deleted, but
-        for those written to within the last hour.
     jobs : int, optional
         Processes that compile at once; by default one for each processor that this one may use,
         four at most, as far as memory is left: one takes 0.9 GB, several about 0.6 each.
-    progress : callable, optional
-        Called from another thread, twice a second, with the number of versions that are kept.
-        `VERSIONS` are all.
 
     Raises
     ------
@@ -109,18 +83,17 @@ def warm_up(
             before = _kept(folders[0])
             shared = claims.shared(own) if own else nullcontext()
             helpers = _helpers(jobs if own else 1)
-            with shared, helpers, _watched(folders[0], progress):
+            with shared, helpers:
                 exercise()
             compiled = len(_kept(folders[0]) - before)
         if cache.save_error is not None:
             raise cache.save_error
-        removed = () if keep_old or own is None else _remove_old(own)
     except OSError as error:
         raise OutputError(
             f"{folders[0]}: kernels could not be kept ({error.strerror or error})"
         ) from error
     kernels, signatures = cache.count_kept(*folders)
-    return Warmth(folders[0], kernels, signatures, compiled, time.perf_counter() - began, removed)
+    return Warmth(folders[0], kernels, signatures, compiled, time.perf_counter() - began)
 
 
 def default_jobs() -> int:
@@ -131,25 +104,6 @@ def default_jobs() -> int:
 def _kept(folder: Path) -> set[tuple[str, int]]:
     """Name and age of every version's file."""
     return {(path.name, path.stat().st_mtime_ns) for path in folder.glob("*.nbc")}
-
-
-@contextmanager
-def _watched(folder: Path, progress: Callable[[int], None] | None) -> Iterator[None]:
-    """Call `progress` with the number of versions in the folder while what is within runs."""
-    ended = threading.Event()
-
-    def watch() -> None:
-        while not ended.wait(_WATCH_S):
-            if progress is not None:
-                progress(len(_kept(folder)))
-
-    watcher = threading.Thread(target=watch, daemon=True)
-    watcher.start()
-    try:
-        yield
-    finally:
-        ended.set()
-        watcher.join()
 
 
 @contextmanager
@@ -190,21 +144,3 @@ def help_out(number: int, jobs: int) -> None:
         first = len(backwards) * (number - 1) // jobs
         for part in backwards[first:] + backwards[:first]:
             part()
-
-
-def _remove_old(folder: Path) -> tuple[Path, ...]:
-    """Delete what other versions left beside `folder`; what cannot be deleted stays."""
-    removed = []
-    for other in sorted(folder.parent.iterdir()):
-        info = other.lstat()
-        if (
-            other != folder
-            and stat.S_ISDIR(info.st_mode)
-            and _FOLDER_NAME.fullmatch(other.name)
-            and info.st_uid == os.geteuid()
-            and time.time() - info.st_mtime >= _STILL_IN_USE_S
-        ):
-            shutil.rmtree(other, ignore_errors=True)
-            if not other.exists():
-                removed.append(other)
-    return tuple(removed)

@@ -151,7 +151,7 @@ class VehicleOptions:
             )
 
     def mobility(self, place: "Place | None" = None) -> "Mobility":
-        """How the vehicle gets up and down; a hiker's way where nothing is said.
+        """How the vehicle gets up and down.
 
         Energy goes by the gravity that was set, else by that of the map's body, else by the file's.
         """

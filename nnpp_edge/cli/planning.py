@@ -271,12 +271,12 @@ def _plans(
 
 
 def _on_the_ground(plan: Plan, ground: Ground) -> Plan:
-    """The plan with the numbers along its way."""
+    """The plan with the numbers along its way, also where it was made on costs alone."""
+    if plan.along is not None:
+        return plan
     assert ground.elevation is not None
-    return replace(
-        plan,
-        along=Along.of(plan.line, ground.elevation, ground.sides_m, ground.mobility, plan.along),
-    )
+    along = Along.of(plan.line, ground.elevation, ground.sides_m, ground.mobility)
+    return replace(plan, along=along)
 
 
 def _names(request: PlanRequest, place: Place, tour: Tour | None) -> list[str]:

@@ -100,7 +100,7 @@ def command(
     coordinates, along the cells' sides.
 
     \b
-    nnpp-edge reach dem.tif --start 20,30 --within-time 30min --workload limit20 -o reach
+    nnpp-edge reach dem.tif --start 20,30 --within-cost 500 --workload limit20 -o reach
     """
     measure, most = _limit(robot, cost=within_cost, time=within_time, energy=within_energy)
     if output is not None:
@@ -188,12 +188,12 @@ def _step_cost(measure: str, given: str, ground: "Ground") -> str:
         return "energy"
     if measure == "cost" or given in _IN_SECONDS:
         return given
-    if mobility.time is None and mobility.tobler is None:
+    if mobility.time is None:
         raise click.UsageError(
-            "nobody walks there: for --within-time give speeds, by --vehicle or --mobility, or "
-            "--step-cost tobler to count a walker's all the same"
+            "--within-time wants speeds: give a vehicle's, by --vehicle or --mobility, or a "
+            "walker's, by --step-cost tobler"
         )
-    return "time" if mobility.time else "tobler"
+    return "time"
 
 
 def _within(measure: str, level: float, unit: str) -> str:

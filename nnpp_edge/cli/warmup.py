@@ -7,12 +7,10 @@ import click
 
 from nnpp_edge.cli import options
 from nnpp_edge.cli.text import tell
-from nnpp_edge.progress import bar
 
 
 @options.command("warmup")
 def command(
-    keep_old: Annotated[bool, "Keep the kernels of other versions of this package."] = False,
     jobs: Annotated[
         int | None,
         click.IntRange(1, 64),
@@ -26,8 +24,7 @@ def command(
     """Compile every kernel ahead of the first plan.
 
     The kernels stay in the cache folder: NUMBA_CACHE_DIR if it is set, else nnpp-edge under
-    $XDG_CACHE_HOME or ~/.cache. Run it after installing, as the user who will plan. Kernels of
-    other versions of this package are deleted, unless they were written within the last hour.
+    $XDG_CACHE_HOME or ~/.cache. Run it after installing, as the user who will plan.
 
     \b
     nnpp-edge warmup
@@ -36,12 +33,12 @@ def command(
         warnings.filterwarnings(
             "ignore", "no folder that only this user"
         )  # here it is the error below
-        from nnpp_edge.runtime.warmup import VERSIONS, warm_up
-    with bar("warmup", VERSIONS) as progress:
-        warmth = warm_up(keep_old=keep_old, jobs=jobs, progress=progress)
+        from nnpp_edge.runtime.compiled.notice import told_if_slow
+        from nnpp_edge.runtime.warmup import warm_up
+    with told_if_slow("warming up"):
+        warmth = warm_up(jobs)
     counts = (
         f"{warmth.kernels} kernels ({warmth.signatures} versions, {warmth.compiled} of them new)"
     )
     kept = f"{counts}, {warmth.seconds:.1f} s; what is compiled is kept in {warmth.folder}"
-    lines = [kept, *(f"deleted {each}" for each in warmth.removed)]
-    tell(as_json, warmth.summary(), lambda: "\n".join(lines), indent=1)
+    tell(as_json, warmth.summary(), lambda: kept, indent=1)

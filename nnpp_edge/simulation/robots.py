@@ -125,7 +125,7 @@ class SimulatedRobot:
         if self._known is None:
             return map_state(self._with(values, eased=True)).grid
         state = map_state(replace(self._known, vehicle=self._eased.vehicle))
-        state.update_elevation(0, 0, values, np.isfinite(values))
+        state.update(0, 0, values, np.isfinite(values), "heights")
         return state.grid
 
 

@@ -17,7 +17,10 @@ from nnpp_edge.runtime.robots.slope.cost import Mobility, SlopeCost
 Line = Int32 | Floats
 """(N, 2) row and column: cells of a path, or way points between them."""
 Heights = Float32s | Floats
-ON_FOOT = Mobility()
+UNTOLD = Mobility()
+"""Of a robot of which nothing is said."""
+_APART = 0.4
+"""Rows or columns between two places on a way between two way points, at most."""
 
 
 class Numbers(NamedTuple):
@@ -36,7 +39,7 @@ class Numbers(NamedTuple):
     steepest_down_deg: float
     """Likewise of the steepest fall, counted positive."""
     time_s: float
-    """By the vehicle's speeds; else of a walker by the step cost, or by Tobler's function."""
+    """By the vehicle's speeds; else of a walker by the step cost; NaN where that is none."""
     energy_j: float
     """By the vehicle's model; NaN where it has none."""
 
@@ -51,14 +54,14 @@ class Along:
     """A line over the ground, point by point from start to goal.
 
     Heights are read when it is made, all else is computed when it is asked for. Places are a path's
-    cells; of way points, these and each place between two of them where the line crosses a row or a
-    column of cells' middles: between two places the ground is then as good as even.
+    cells; of way points, these and some between them: between two places the ground is then as good
+    as even.
     """
 
     places: Line
     sampled_m: Heights
     sides_m: Sides
-    mobility: Mobility = ON_FOOT
+    mobility: Mobility = UNTOLD
     walker: SlopeCost | None = None
 
     @classmethod
@@ -68,19 +71,10 @@ class Along:
         heights: Heights,
         sides_m: Sides,
         mobility: Mobility | None = None,
-        like: "Along | None" = None,
     ) -> "Along":
-        """A line over heights (H, W), metres, NaN where unknown; places and walker as of the line
-        `like`, if any.
-        """
-        places = crossings(line) if like is None else like.places
-        return cls(
-            places,
-            heights_at(heights, places),
-            sides_m,
-            mobility or ON_FOOT,
-            like.walker if like else None,
-        )
+        """A line over heights (H, W), metres, NaN where unknown."""
+        places = places_along(line)
+        return cls(places, heights_at(heights, places), sides_m, mobility or UNTOLD)
 
     def back(self) -> "Along":
         """This line from goal to start."""
@@ -128,8 +122,8 @@ class Along:
 
     @cached_property
     def time_s(self) -> Floats:
-        """(N,) seconds from the start."""
-        model = self.mobility.time or self.walker or self.mobility.tobler
+        """(N,) seconds from the start; NaN where nobody's speed is known."""
+        model = self.mobility.time or self.walker
         return np.full(len(self.points), math.nan) if model is None else self._by(model)
 
     @property
@@ -137,8 +131,7 @@ class Along:
         """Whose time that is, in words; empty where it is nobody's."""
         if self.mobility.time is not None:
             return "at the vehicle's speeds"
-        walker = self.walker or self.mobility.tobler
-        return f"on foot, by {walker.function}" if walker is not None else ""
+        return "" if self.walker is None else f"on foot, by {self.walker.function}"
 
     @cached_property
     def energy_j(self) -> Floats:
@@ -180,34 +173,20 @@ class Along:
         )
 
 
-def crossings(line: Line) -> Line:
-    """(M, 2) the points of a line (N, 2), and where it crosses a row or a column of cells' middles
-    between them.
+def places_along(line: Line) -> Line:
+    """(M, 2) the points of a line (N, 2), and places on the way between them, no farther apart than
+    `_APART`.
 
-    A path's cells stay what they are: their steps cross none.
+    A path's cells stay what they are.
     """
     if len(line) < 2 or np.issubdtype(line.dtype, np.integer):
         return line.reshape(-1, 2)
-    points = np.asarray(line, np.float64)
-    begins = points[:-1]
-    ways = np.diff(points, axis=0)
-    legs = [np.arange(len(ways))]
-    shares = [np.ones(len(ways))]
-    for begin, way in zip(begins.T, ways.T, strict=True):
-        end = begin + way
-        first = np.ceil(np.minimum(begin, end))
-        last = np.floor(np.maximum(begin, end))
-        counts = np.where(way != 0.0, last - first + 1.0, 0.0).astype(np.int64)
-        leg = np.repeat(np.arange(len(ways)), counts)
-        whole = first[leg] + np.arange(len(leg)) - (counts.cumsum() - counts)[leg]
-        legs.append(leg)
-        shares.append(((whole - begin[leg]) / way[leg]).clip(0.0, 1.0))
-    places = np.column_stack((np.concatenate(legs), np.concatenate(shares)))
-    places = places[np.lexsort(places[:, ::-1].T)]  # in order along the line
-    new = np.diff(places, axis=0, prepend=-1.0).any(1) & (places[:, 1] > 0.0)
-    number, share = places[new].T
-    leg = number.astype(np.int64)
-    return np.concatenate((points[:1], begins[leg] + share[:, None] * ways[leg]))
+    lengths = np.abs(np.diff(line, axis=0)).max(1)
+    counts = np.maximum(np.ceil(lengths / _APART), 1.0).astype(np.int64)
+    # numbers of points, with fractions on the way to the next
+    shares = [number + np.arange(count) / count for number, count in enumerate(counts)]
+    at = np.concatenate((*shares, [len(counts)]))
+    return np.column_stack([np.interp(at, np.arange(len(line)), axis) for axis in line.T])
 
 
 def joined(lines: Sequence[Line]) -> Line:
@@ -225,8 +204,6 @@ def heights_at(heights: Heights, points: Line) -> Floats:
         of_cells: Floats = heights[tuple(points.T)].astype(np.float64)
         return of_cells
     low = np.clip(np.floor(points).astype(np.int32), 0, np.array(heights.shape) - 1)
-    if (low == points).all():
-        return heights_at(heights, low)
     high = np.minimum(low + 1, np.array(heights.shape) - 1)
     down, right = np.clip(points - low, 0.0, 1.0).T
     found = np.zeros(len(points))

@@ -29,7 +29,7 @@ class Change(NamedTuple):
     cells: int
     """Number of changed cells; a cell that changed twice counts twice."""
     cheaper: bool = False
-    """Whether a cell weighs less than before."""
+    """Whether a cell weighs less than before; steps by the slope may cost less all the same."""
     rescaled: bool = False
     """Whether all that is relative to the map's least and greatest weight is out of date
     (``length`` model).

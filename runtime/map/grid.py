@@ -49,7 +49,8 @@ class Grid:
     """Weights of a map's cells, and what a step between two of them costs.
 
     Cell (row, col) stands at the flat index, the `node`, (row + 1) · stride + col + 1, within a
-    border. By default all cells are impassable at first.
+    border. By default all cells are impassable at first. With `tiles` weights are computed by
+    these, as the level of that number; the bounds are T's own then.
     """
 
     def __init__(
@@ -59,6 +60,8 @@ class Grid:
         model: StepModel,
         corner_cutting: bool = True,
         weights: Float32s | None = None,
+        tiles: Tiles | None = None,
+        level: int = 0,
     ) -> None:
         self.rows = rows
         self.cols = cols
@@ -71,24 +74,22 @@ class Grid:
             weights = np.full((rows + 2) * (cols + 2), np.inf, np.float32)
         self.weights: Float32s = weights
         """(nodes,) weights; inf where impassable."""
-        self.tiles: Tiles | None = None
+        self.tiles = tiles
         """By which weights are computed where a search reads them; None where all are there."""
         self.robot = Robot()
         """Where it may stand, and what its steps cost; by default a point's."""
-        self._level = 0
-        self.pack()
+        packed_tiles = COMPLETE if tiles is None else tiles.packed(level)
+        self.packed: Packed = tuple(
+            records.Grid(self.weights, self.stride, model.steps, corner_cutting, packed_tiles)
+        )
+        """As kernels take it."""
         floor, most, ceiling = map(np.float32, model.costs)
         self._limits = CostLimits(floor, most, np.float32(model.scale), ceiling)
-        self.set_bounds(math.inf, 0.0)
+        if tiles is None:
+            self.set_bounds(math.inf, 0.0)
+        else:
+            self.set_bounds(0.0, model.scale)
         self._measured = self.least, self.greatest
-
-    def pack(self) -> None:
-        """Lay out what the kernels take: after the arrays of the tiles have become others."""
-        tiles = COMPLETE if self.tiles is None else self.tiles.packed(self._level)
-        steps = self.model.steps  # `records.StepTerms`
-        self.packed: Packed = tuple(
-            records.Grid(self.weights, self.stride, steps, self.corner_cutting, tiles)
-        )
 
     @classmethod
     def of(cls, cost: Float2D, model: StepModel, corner_cutting: bool = True) -> "Grid":
@@ -121,15 +122,6 @@ class Grid:
             grid.set_bounds(float(lowest * limits.scale), float(highest * limits.scale))
         grid._measured = grid.least, grid.greatest
         return grid
-
-    def compute_by(self, tiles: Tiles, number: int = 0) -> None:
-        """From now on weights are computed by these, as the level of that number; the bounds are
-        T's own.
-        """
-        self.tiles = tiles
-        self._level = number
-        self.pack()
-        self.set_bounds(0.0, self.model.scale)
 
     def drive_by(self, robot: Robot) -> None:
         """From now on this robot drives on the map; the weights remain what coarse levels are made

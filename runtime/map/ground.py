@@ -82,11 +82,6 @@ class Ground:
             if not self.layers.keys() >= {*counted}:
                 raise InvalidMapError(f"wanted layers of {counted}, got {[*self.layers]}")
             slope_cost = self.slope_cost  # refused now
-            if self.vehicle is not None:
-                from nnpp_edge.runtime.robots.slope.cost import Mobility
-
-                mobility = (self.mobility or Mobility()).unwalked()
-                object.__setattr__(self, "mobility", mobility)
             body = self.body
             if body is not None and self.traversability is not None:
                 object.__setattr__(self, "vehicle", _within(body, self.traversability))

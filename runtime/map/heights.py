@@ -78,9 +78,8 @@ class Heights(Lowest):
         }
         if self.unseen is not None:
             source |= self.unseen.source
-        self.grid = Grid(rows, cols, self._model, self._cutting, weights)
         self.tiles = Tiles(self.array, FACTOR ** len(coarse_shapes(rows, cols)), source)
-        self.grid.compute_by(self.tiles)
+        self.grid = Grid(rows, cols, self._model, self._cutting, weights, self.tiles)
         if self.unseen is not None:  # whose prices may be greater than any cost
             self.grid.set_bounds(self.grid.least, MOST_PRICE * self._model.scale)
         return self.grid

@@ -89,9 +89,7 @@ class Pyramid:
                     (bordered(rows, cols), np.zeros(nodes, np.uint16), np.zeros(nodes, np.uint8))
                 )
             weights, pieces, links = parts[number - 1]
-            coarse = Grid(rows, cols, model, weights=weights)
-            if grid.tiles is not None:
-                coarse.compute_by(grid.tiles, number)
+            coarse = Grid(rows, cols, model, weights=weights, tiles=grid.tiles, level=number)
             coarse.drive_by(Robot(price=grid.robot.price.coarse((rows, cols), grid.prices)))
             self.levels.append(Level(coarse, pieces, links))
         self.update((0, 0, grid.rows, grid.cols))

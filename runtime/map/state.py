@@ -13,7 +13,7 @@ from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Bool, Cells, Float2D
 from nnpp_edge.runtime.cells import Rectangle, enclosing, holding, patch_at, slices, widened
 from nnpp_edge.runtime.deadline import NEVER, Deadline
-from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, users_line
+from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 from nnpp_edge.runtime.kernels.records import Packed
 from nnpp_edge.runtime.map.changes import Change, ChangeLog, ChangeReader
 from nnpp_edge.runtime.map.grid import Grid
@@ -60,17 +60,13 @@ class MapState:
         """Height and width of a cell; None where it is not known."""
         self._sides = ground.sides_m
         self._lazy = lazy
-        self._limits = ground.limits
         self._mobility = ground.mobility
         self._slope_cost = ground.slope_cost
         self.begin_anew()
 
     def begin_anew(self) -> None:
         """Forget all but the layers. Whoever read the log must be made anew."""
-        self._stack(self._lowest.begin())
-
-    def _stack(self, grid: Grid) -> None:
-        """The robot on the grid that the layers make, and a log that begins."""
+        grid = self._lowest.begin()
         self.grid = self.point = grid
         """The robot's, and a point's: one, unless the robot's stance or price weighs cells anew."""
         robot = Robot()
@@ -151,37 +147,25 @@ class MapState:
                 self._pyramid.update(change.part)
         return self._pyramid.finish(deadline)
 
-    def update(self, row: int, col: int, patch: Float2D, seen: Bool | None = None) -> Change:
-        """Put new costs (h, w) into the map at (row, col), and what that changed into the log.
+    def update(
+        self, row: int, col: int, patch: Float2D, seen: Bool | None = None, layer: str = "cost"
+    ) -> Change:
+        """Put new numbers (h, w) into a layer at (row, col), by default costs, and what that
+        changed into the log.
 
         Where nothing is known (NaN) a map of costs becomes impassable, and on a map of heights
-        nothing is told. `seen` are the cells that get new costs, by default all. InvalidMapError as
-        for `Grid.update`; the map is as it was.
+        nothing is told. ``heights`` are metres, NaN where unknown; those that the map has already
+        change nothing. `seen` are the cells that get new numbers, by default all. InvalidMapError
+        as for `Grid.update`, and without such a layer; the map is as it was.
         """
-        return self.put("cost", row, col, patch, seen)
-
-    def update_elevation(
-        self, row: int, col: int, patch: Float2D, seen: Bool | None = None
-    ) -> Change:
-        """Put new elevations into a map that was made from such, and what that changed into the
-        log; as `update`.
-
-        Metres, NaN where unknown; heights that the map has already change nothing.
-        """
-        return self.put("heights", row, col, patch, seen)
-
-    def put(
-        self, name: str, row: int, col: int, patch: Float2D, seen: Bool | None = None
-    ) -> Change:
-        """Put new numbers (h, w) into the layer of that name, as `update` does."""
-        if name not in self.layers:
-            raise InvalidMapError(f"wanted costs, or one of {', '.join(self.layers)}, got {name}")
-        layer = self.layers[name]
-        numbers = layer.read(patch)
+        if layer not in self.layers:
+            raise InvalidMapError(f"wanted costs, or one of {', '.join(self.layers)}, got {layer}")
+        changed = self.layers[layer]
+        numbers = changed.read(patch)
         part = patch_at((row, col), numbers.shape, self.shape)
         keeps = self.log.keeps_old_weights
         one = self.grid is self.point
-        change, new = layer.put(part, numbers, seen, keeps=keeps and one)
+        change, new = changed.put(part, numbers, seen, keeps=keeps and one)
         if not one and (new[2] or change.cells):
             down, right = self.grid.robot.stance.reach
             touched = enclosing([each for each in (new, change.part) if each[2]])
@@ -191,7 +175,7 @@ class MapState:
             change = self.grid.update(weights, around[:2], keep_old_weights=keeps, weights=True)
         if self.unseen is not None:
             self.unseen.note(new)
-        change = self.grid.robot.follow(change, new, self, heights=layer.rim > 0)
+        change = self.grid.robot.follow(change, new, self, heights=changed.rim > 0)
         if change.cells:
             self.log.append(change)
         return change
@@ -246,18 +230,17 @@ class MapState:
         """Ground under a line (N, 2) inside the map; None on a map of costs, whose heights are not
         known.
 
-        It is told at places `at` (M, 2), by default where the line crosses rows and columns of
-        cells' middles.
+        It is told at places `at` (M, 2), by default at `along.places_along` of the line.
         """
         if self.heights is None or self.sides_m is None:
             return None
-        from nnpp_edge.runtime.map.along import ON_FOOT, Along, crossings
+        from nnpp_edge.runtime.map.along import UNTOLD, Along, places_along
 
-        places = crossings(line) if at is None else at
+        places = places_along(line) if at is None else at
         slope_cost = self._slope_cost
         walker = slope_cost if slope_cost is not None and slope_cost.function else None
         metres = self.heights.metres_at(places)
-        return Along(places, metres, self.sides_m, self._mobility or ON_FOOT, walker)
+        return Along(places, metres, self.sides_m, self._mobility or UNTOLD, walker)
 
     @property
     def reach_cells(self) -> int:
@@ -305,8 +288,7 @@ def map_state(
         from nnpp_edge.runtime.terrain.traversability import relative_heights, warn_of_saturation
 
         relative, _ = relative_heights(heights)
-        level = 1 + users_line()
-        warn_of_saturation(relative, ground.limits, ground.sides_m, stacklevel=level)
+        warn_of_saturation(relative, ground.limits, ground.sides_m)
     if heights is None:
         model = StepModel.of(ground.step_cost, omega)
         costs = Costs(ground.costs(), model, corner_cutting, tell_unknown or vehicle is not None)

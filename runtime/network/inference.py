@@ -20,8 +20,8 @@ class NetworkModel:
     """A network ready to run, with its own inputs and outputs. For one thread at a time.
 
     A file is opened once in a process, and again when it has changed: networks of the same file and
-    threads share a session. In a forked child a session of several threads, which the child lacks,
-    is opened again. A copy opens the file again, and has been shown nothing.
+    threads share a session. A copy opens the file again, and has been shown nothing. A child that
+    was forked lacks the threads of a session: only networks of one thread go on there.
 
     Parameters
     ----------
@@ -123,7 +123,6 @@ class NetworkModel:
         self._outputs = {
             name: np.zeros(shape, np.float32) for name, shape in loaded.outputs.items()
         }
-        self._use_session(loaded)
         self._encoded = False
         self._head: PlaceHead | None = None
         self._answer: Float2D
@@ -132,9 +131,6 @@ class NetworkModel:
         else:
             self._head = PlaceHead(loaded.head, self._outputs[PLACES])
             self._answer = np.empty((m.blocks, m.blocks), np.float32)
-
-    def _use_session(self, loaded: LoadedModel) -> None:
-        """Bind inputs and outputs to this session."""
         self._loaded = loaded
         self.session = loaded.session
         self._binding = self.session.io_binding()
@@ -144,16 +140,7 @@ class NetworkModel:
             self._binding.bind_output(name, "cpu", 0, np.float32, output.shape, output.ctypes.data)
 
     def _infer(self) -> None:
-        """Run the session; ModelError where its graph fails, or in a fork whose file is another by
-        now.
-        """
-        if self._loaded.lacks_threads():
-            loaded, _ = opened(self.path, self._loaded.threads)
-            if loaded.identity != self._loaded.identity:
-                raise ModelError(
-                    f"{self.path}: wanted the file that was opened before a fork, got another"
-                )
-            self._use_session(loaded)
+        """Run the session; ModelError where its graph fails."""
         with refused_as(
             ModelError, f"{self.path}: wanted an ONNX model, got one whose graph fails"
         ):

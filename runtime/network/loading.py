@@ -6,7 +6,6 @@ last: calls of `plan_path`, one after another, then load a file once, and a proc
 files does not grow.
 """
 
-import ctypes
 import os
 import threading
 from collections import deque
@@ -54,31 +53,18 @@ Key = tuple[Identity, int | None, int]
 class LoadedModel:
     """The common part of networks that share a session."""
 
-    identity: Identity
     threads: int | None
     """As asked for."""
-    parallel: bool
-    """Whether the session has threads of its own."""
     session: "InferenceSession"
     metadata: ModelMetadata
     inputs: Shapes
     outputs: Shapes
     head: Matrices | None
     """Of a network in two parts."""
-    process: int
-    """That opened it."""
-
-    def lacks_threads(self) -> bool:
-        """Whether its session waits for threads that another process has, from which this one was
-        forked.
-        """
-        return self.parallel and self.process != os.getpid()
 
 
-_loading = threading.RLock()
-"""Held by the thread that loads a file, and by one that forks: no child begins with a file half
-loaded.
-"""
+_loading = threading.Lock()
+"""Held by the thread that loads a file."""
 _open: WeakValueDictionary[Key, LoadedModel] = WeakValueDictionary()
 _kept: deque[LoadedModel] = deque(maxlen=KEPT)
 
@@ -159,10 +145,7 @@ def _load(path: Path, key: Key) -> LoadedModel:
             head = matrices_of(text, metadata.head)
     if _identity(path) != identity:
         raise ModelError(f"{path}: wanted an ONNX model, got one that changed while it was loaded")
-    parallel = count != 1
-    return LoadedModel(
-        identity, threads, parallel, session, metadata, inputs, outputs, head, os.getpid()
-    )
+    return LoadedModel(threads, session, metadata, inputs, outputs, head)
 
 
 def open_session(path: Path, threads: int) -> "InferenceSession":
@@ -190,19 +173,3 @@ def _shapes(m: ModelMetadata) -> tuple[Shapes, Shapes]:
     places = size // QUERY_SPACING
     inputs: Shapes = {"map": (1, 2 * _UNSHUFFLE**2, side, side)}
     return inputs, {PLACES: (1, 2 * m.head[0], places, places)}
-
-
-def _after_fork() -> None:
-    """In the child: open every file anew. Sessions of the parent are never freed here, as ending
-    their threads would hang.
-    """
-    for loaded in set(_open.values()):
-        ctypes.pythonapi.Py_IncRef(ctypes.py_object(loaded))
-    _open.clear()
-    _kept.clear()
-    _loading.release()
-
-
-os.register_at_fork(
-    before=_loading.acquire, after_in_parent=_loading.release, after_in_child=_after_fork
-)

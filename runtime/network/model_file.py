@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Final, Literal
@@ -31,8 +31,6 @@ CHANNELS = {
 """Names of what a network is shown, in order, by its encoding."""
 QUERY_SPACING = 8
 """Network cells between the points of a query that is encoded as ``ends``."""
-_DEEPEST = 20
-"""Lists and objects inside one another in the facts of a training."""
 _MODELS = Path(str(files("nnpp_edge.models")))
 
 Count = Annotated[int, msgspec.Meta(gt=0)]
@@ -75,7 +73,7 @@ class ModelMetadata:
 
     def to_json(self) -> str:
         """One line of JSON."""
-        return json.dumps(asdict(self))
+        return json.dumps(msgspec.to_builtins(self))
 
     @classmethod
     def from_json(cls, text: str | bytes | None, source: str) -> "ModelMetadata":
@@ -86,7 +84,6 @@ class ModelMetadata:
             )
         with refused_as(ModelError, f"{source}: wanted metadata of format {FORMAT}"):
             found = msgspec.json.decode(text, type=cls)
-            too_deep = _depth(found.training) > _DEEPEST
         if CHANNELS.get(found.encoding) != found.channels:
             got = f"{found.encoding!r} {found.channels}"
             raise ModelError(
@@ -96,18 +93,11 @@ class ModelMetadata:
         blocks = found.blocks
         size = found.input_size
         fits = size % blocks == 0 and (blocks == 2 * (size // QUERY_SPACING) or not in_parts)
-        if too_deep or not fits or len(found.head) != 3 * in_parts:
+        if not fits or len(found.head) != 3 * in_parts:
             raise ModelError(
                 f"{source}: its metadata holds numbers that do not go together: {found}"
             )
         return found
-
-
-def _depth(value: object) -> int:
-    """How many lists and objects lie inside one another."""
-    if isinstance(value, dict):
-        value = list(value.values())
-    return 1 + max(map(_depth, value), default=0) if isinstance(value, list) else 1
 
 
 @dataclass(frozen=True)
@@ -125,7 +115,7 @@ class ModelFile:
 
     def summary(self) -> dict[str, object]:
         """For JSON: all but the card."""
-        facts = asdict(self) | {"path": str(self.path)}
+        facts: dict[str, object] = msgspec.to_builtins(self, enc_hook=str)
         del facts["card"]
         return facts
 

@@ -331,8 +331,9 @@ class DynamicPlanner(OnMap):
         state = self._state
         cell = (0, 0, 1, 1)
         heights = state.heights is not None
-        put = state.update_elevation if heights else state.update
-        put(0, 0, np.ones((1, 1), np.float32), np.zeros((1, 1), np.bool_))
+        layer = "heights" if heights else "cost"
+        patch = np.ones((1, 1), np.float32)
+        state.update(0, 0, patch, np.zeros((1, 1), np.bool_), layer)
         state.grid.robot.follow(Change(cell, 0), cell, state, heights=heights)
         self._path.prepare()
 

@@ -193,7 +193,7 @@ class OnMap:
             The patch does not lie inside the map, or holds a cost out of range; then the map is as
             it was.
         """
-        change = self._state.put(layer, row, col, patch, _mask(seen, patch))
+        change = self._state.update(row, col, patch, _mask(seen, patch), layer)
         self._changed()
         return change.cells
 
@@ -208,7 +208,7 @@ class OnMap:
         Cells whose cost has not been computed yet count as changed. InvalidMapError for a map of
         costs.
         """
-        change = self._state.update_elevation(row, col, patch, _mask(seen, patch))
+        change = self._state.update(row, col, patch, _mask(seen, patch), "heights")
         self._changed()
         return change.cells
 

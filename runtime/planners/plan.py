@@ -249,7 +249,7 @@ class Plan:
 
     @property
     def time_s(self) -> float:
-        """From the vehicle's speeds; else a walker's, from the step cost or Tobler's function."""
+        """From the vehicle's speeds; else a walker's, from the step cost."""
         return self.numbers.time_s
 
     @property

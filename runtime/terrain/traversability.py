@@ -17,7 +17,7 @@ from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D, as_map, unmasked
 from nnpp_edge.runtime.bands import in_bands
 from nnpp_edge.runtime.cells import Cell, Rectangle, Sides, slices
-from nnpp_edge.runtime.errors import InvalidMapError
+from nnpp_edge.runtime.errors import InvalidMapError, users_line
 from nnpp_edge.runtime.kernels.traversability import (
     MOST_COST,
     PAPER_TERMS,
@@ -310,12 +310,7 @@ def relative_heights(dem: ArrayLike, base: float | None = None) -> tuple[Float2D
     return as_map(exact - base, "dem"), base
 
 
-def warn_of_saturation(
-    heights: Float2D,
-    limits: Traversability,
-    sides_m: Sides,
-    stacklevel: int = 4,
-) -> None:
+def warn_of_saturation(heights: Float2D, limits: Traversability, sides_m: Sides) -> None:
     """`SaturationWarning` where one applies, by a sample of the cells."""
     rows, cols = heights.shape
     apart = max(-(-rows // MOST_SAMPLED), 1), max(-(-cols // MOST_SAMPLED), 1)
@@ -335,5 +330,5 @@ def warn_of_saturation(
             f"raise {' and '.join(term.limit for term, _ in full)} (--limit KEY=VALUE), or judge "
             "cells as if they were smaller (--rescale METRES)",
             SaturationWarning,
-            stacklevel=stacklevel,
+            stacklevel=users_line(),
         )

@@ -1,13 +1,12 @@
 """The robot's body: what it measures, and what it can take. See docs/vehicle.md."""
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.arguments import checked
+from nnpp_edge.runtime.arguments import ABOVE_0, MOST, Range, check_ranges, checked
 from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.options import KINDS, Kind
 
@@ -20,6 +19,12 @@ _WIDEST_TURN = 100.0
 """Longest side of a body, and by the shorter one; highest clearance and widest turn by the longer
 one. What is beyond is in another unit than metres.
 """
+_ANGLE = (
+    math.nextafter(0.5 * math.pi, 90.0),
+    math.nextafter(90.0, 0.0),
+    "in degrees, above 1.57 (else radians) and below 90",
+)
+_SHARE = 0.0, math.nextafter(1.0, 0.0), "a share in [0, 1)"
 
 
 @checked(InvalidMapError)
@@ -80,8 +85,9 @@ class Vehicle:
 
     def __post_init__(self) -> None:
         if self.as_body is None:
-            self._check_metres(_LARGEST_M, "radius_m")
-            self._check_metres(_WIDEST_TURN * (self.radius_m or math.inf), "turning_radius_m")
+            self._check(radius_m=_metres(_LARGEST_M))
+            widest = _WIDEST_TURN * (self.radius_m or math.inf)
+            self._check(turning_radius_m=_metres(widest))
             kind = self.kind
             given = {each.name for each in fields(self) if getattr(self, each.name) != each.default}
             if not given <= {kind.key, *kind.values}:
@@ -90,35 +96,35 @@ class Vehicle:
                     f"{kind.key}"
                 )
             return
-        self._check_metres(_LARGEST_M, "length_m", "width_m")
-        self._check_metres(_THINNEST * min(self.length_m, self.width_m), "length_m", "width_m")
+        for most in (_LARGEST_M, _THINNEST * min(self.length_m, self.width_m)):
+            self._check(length_m=_metres(most), width_m=_metres(most))
         longest = max(self.length_m, self.width_m)
+        height = _metres(_TALLEST * longest)
         widest = _WIDEST_TURN * longest
-        self._check_metres(_TALLEST * longest, "clearance_m", "max_step_m")
-        self._check_metres(widest, "turning_radius_m")
+        turn_cost = 0.0, widest, f"a number of metres from 0 to {widest:g}"
+        self._check(
+            clearance_m=height,
+            max_step_m=height,
+            turning_radius_m=_metres(widest),
+            reverse_cost=(1.0, MOST, "a number of at least 1"),
+            wheelbase_m=ABOVE_0,
+            track_m=ABOVE_0,
+            wheel_length_m=ABOVE_0,
+            wheel_width_m=ABOVE_0,
+            max_tilt_deg=_ANGLE,
+            max_pitch_deg=_ANGLE,
+            max_roll_deg=_ANGLE,
+            reserve=_SHARE,
+            axles=(2, 8, "a whole number from 2 to 8"),
+            gear_change_m=turn_cost,
+            turn_cost_m_per_rad=turn_cost,
+        )
         if self.turning_radius_m is None and (
             self.turns_on_spot is False or self.reverse_cost or self.gear_change_m
         ):
             raise InvalidMapError(
                 "a body that turns on the spot alone drives no arcs: wanted a turning_radius_m"
             )
-        if self.reverse_cost is not None and not 1.0 <= self.reverse_cost < math.inf:
-            raise InvalidMapError(
-                f"reverse_cost must be a number of at least 1, got {self.reverse_cost}"
-            )
-        self._check_metres(math.inf, "wheelbase_m", "track_m", "wheel_length_m", "wheel_width_m")
-        for name, value in self._given("max_tilt_deg", "max_pitch_deg", "max_roll_deg"):
-            if not 0.0 < value < 90.0:
-                raise InvalidMapError(f"{name} must lie in (0, 90) degrees, got {value}")
-            if value <= 0.5 * math.pi:
-                meant = f"{math.degrees(value):.3g}° if that is in radians"
-                raise InvalidMapError(
-                    f"{name} must be in degrees, above {0.5 * math.pi:.2f}, got {value} ({meant})"
-                )
-        if not 0.0 <= self.reserve < 1.0:
-            raise InvalidMapError(f"reserve must be a share in [0, 1), got {self.reserve}")
-        if type(self.axles) is not int or self.axles not in range(2, 9):
-            raise InvalidMapError(f"axles must be a whole number from 2 to 8, got {self.axles}")
         names = ("wheelbase_m", "track_m")
         sides = (self.length_m, self.width_m)
         for name, apart, contact, most in zip(
@@ -130,30 +136,9 @@ class Vehicle:
                     "a contact patch of "
                     f"{contact:g} m and more than 0, got {apart:g}"
                 )
-        for name, value in (
-            ("gear_change_m", self.gear_change_m),
-            ("turn_cost_m_per_rad", self.turn_m_per_rad),
-        ):
-            if not 0.0 <= value <= widest:
-                raise InvalidMapError(
-                    f"{name} must be a number of metres from 0 to {widest:g}, got {value}"
-                )
 
-    def _given(self, *names: str) -> Iterator[tuple[str, float]]:
-        return ((name, value) for name in names if (value := getattr(self, name)) is not None)
-
-    def _check_metres(self, most: float, *names: str) -> None:
-        """Refuse what is no length, and what is so long for the body that it must be in another
-        unit.
-        """
-        for name, value in self._given(*names):
-            if not 0.0 < value < math.inf:
-                raise InvalidMapError(f"{name} must be a positive number of metres, got {value}")
-            if value > most:
-                raise InvalidMapError(
-                    f"{name} must be in metres, at most {most:g} for such a vehicle, got {value:g} "
-                    f"({value / 1000.0:g} m if that is in millimetres)"
-                )
+    def _check(self, **ranges: Range) -> None:
+        check_ranges(self, InvalidMapError, **ranges)
 
     @property
     def kind(self) -> Kind:
@@ -236,3 +221,8 @@ class Vehicle:
     def reach_m(self) -> float:
         """From the middle to the corners, or of a disc to its edge."""
         return self.radius_m or math.hypot(self.length_m, self.width_m) / 2.0
+
+
+def _metres(most: float) -> Range:
+    """Of a length; what is longer must be in another unit."""
+    return math.ulp(0.0), most, f"in metres, above 0 and at most {most:g} for such a vehicle"

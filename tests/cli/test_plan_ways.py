@@ -81,14 +81,14 @@ def test_all_outputs_say_the_same_numbers(run, told, hills, body):
     for name, whole in (
         ("distance_m", "length_m"),
         ("ground_m", "ground_length_m"),
-        ("time_s", "time_s"),
+        *([("time_s", "time_s")] if body else []),
     ):
         assert float(rows[-1][name]) == pytest.approx(found[whole], abs=1e-5)
     assert ("energy_j" in rows[0]) == bool(body)
     lines = dict(line.split(maxsplit=1) for line in run(words).out.splitlines())
     assert f"at most {found['steepest_up_deg']:.1f}° up" in lines["ground"]
     for word in (" at 9.81 m/s²", "at the vehicle's speeds"):
-        assert (word in lines["way"]) == bool(body)
+        assert (word in lines.get("way", "")) == bool(body)
     if body:
         assert f"pitched by at most {found['steepest_pitch_deg']:.1f}°" in lines["vehicle"]
         stands = found["waypoints"]
@@ -155,7 +155,7 @@ def test_a_path_leads_by_way_of_places_in_the_order_given_or_in_the_best(run, to
     assert best["via"]["order"] == [2, 3, 1]
     assert best["cost"] < given["cost"] == pytest.approx(best["via"]["given_cost"], rel=1e-6)
     for found in (given, best):
-        for name in ("cost", "length_m", "climb_m", "time_s"):
+        for name in ("cost", "length_m", "climb_m"):
             assert sum(leg[name] for leg in found["via"]["legs"]) == pytest.approx(
                 found[name], abs=1e-4
             )
@@ -192,7 +192,7 @@ def test_a_geopackage_has_the_stations_and_the_legs_with_their_numbers(told, hil
     assert read["stations"]["name"] == ["start", "camp", "rim", "goal"]
     assert read["stations"]["row"] == [5, 12, 40, 70]
     assert read["legs"]["from"] == ["start", "camp", "rim"]
-    for name in ("cost", "length_m", "time_s", "climb_m"):
+    for name in ("cost", "length_m", "climb_m"):
         assert sum(read["legs"][name]) == pytest.approx(found[name], abs=1e-3)
     assert ElementTree.parse("out/path.qml").find("layerGeometryType").text == "1"
     words = " ".join(ElementTree.parse("out/figure.svg").getroot().itertext())
@@ -207,7 +207,7 @@ def test_rescaled_ground_costs_as_with_other_limits_and_lies_where_it_did(run, t
         found = told(f"{PLAN} --mobility large-rover {words} -o out {formats}")
         line = np.array(written("out/path.geojson")["geometry"]["coordinates"])
         assert np.hypot(*np.diff(line, axis=0).T).sum() == pytest.approx(found["length_m"])
-        areas = told(f"reach hills.tif --start 5,5 --within-time 1min {words}")["areas"]
+        areas = told(f"reach hills.tif --start 5,5 --within-cost 90 {words}")["areas"]
         assert run(f"costmap hills.tif -o cost.tif {words}").code == 0
         exact = [Path("out", name) for name in ("path.csv", "path.gpx", "figure.png")]
         same = [path.read_bytes() for path in (*exact, Path("cost.tif"))]
@@ -234,18 +234,14 @@ def test_a_part_around_the_ends_has_the_same_path_in_the_same_place(run, told, h
     assert (everything["rows"], everything["start"]) == (80, [20, 20])
 
 
-def test_nobody_walks_off_the_earth_or_in_a_vehicle_unless_that_is_asked_for(run, told, tmp_path):
+def test_a_time_is_told_by_a_walker_that_is_asked_for_or_by_a_vehicles_speeds(run, told, tmp_path):
     moon = Georeference("ESRI:103878", (2.0, 0.0, 0.0, 0.0, -2.0, 0.0))
     heights = rolling()
     Path("moon.tif").write_bytes(
         raster_bytes(tmp_path, heights, Dem(heights, 2.0, 2.0, moon, tmp_path))
     )
     words = f"plan moon.tif {ENDS}"
-    for unasked in (words, "plan sample:moon_rocks --start 60,9 --goal 60,113"):
-        assert told(unasked)["time_s"] is None and "on foot" not in run(unasked).out
-    earth = "plan sample:earth_hummocks --start 9,9 --goal 60,60"
-    assert told(earth)["time_s"] > 0.0
-    assert told(f"{earth} --set radius_m=1")["time_s"] is None, "nobody walks in a vehicle"
+    assert told(words)["time_s"] is None and "on foot" not in run(words).out
     assert told(f"{words} --step-cost tobler")["time_s"] > 0.0
     assert "at the vehicle's speeds" in run(f"{words} {BODY}").out
     run("reach moon.tif --start 5,5 --within-time 5min").refused("--step-cost tobler")

@@ -74,7 +74,7 @@ def test_within_a_time_on_foot_or_of_a_vehicle_and_within_its_energy(run, told, 
         "vehicle": replace(load_vehicle("large-rover"), max_tilt_deg=40.0, clearance_m=1.5),
     }
     for words, most, made in (
-        ("--within-time 1min", 60.0, {"step_cost": "tobler"}),
+        ("--within-time 1min --step-cost tobler", 60.0, {"step_cost": "tobler"}),
         ("--within-time 1min --step-cost irmischer", 60.0, {"step_cost": "irmischer"}),
         (
             f"--within-time 1min --step-cost tobler {BODY}",

@@ -53,7 +53,6 @@ def test_a_walkers_time_is_told_by_the_function_that_the_steps_cost(run, told, h
             True,
         ),
         ("--step-cost tobler", "on foot, by Tobler's function", True),
-        ("", "on foot, by Tobler's function", False),
         ("--step-cost irmischer --mobility large-rover", "at the vehicle's speeds", False),
     ):
         found = told(f"{PLAN} {more}")

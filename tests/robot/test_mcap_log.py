@@ -283,7 +283,7 @@ def test_the_map_is_shown_again_while_heights_come(tmp_path, monkeypatch):
     patch = MapPatch(5, 5, elevation=np.array([[3.0]]))
     with closing(McapLog(tmp_path / "log.mcap", state)) as log:
         log.publish(answer([]))
-        state.update_elevation(5, 5, patch.elevation)
+        state.update(5, 5, patch.elevation, layer="heights")
         log.record(patch)
         log.publish(answer([]))
         log.publish(answer([]))

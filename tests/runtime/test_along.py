@@ -50,10 +50,7 @@ def test_a_ramp_up_and_down_again_is_as_long_and_steep_as_it_is_by_hand():
     assert found.steepest_down_deg == pytest.approx(45.0)
     assert found.time_s == pytest.approx(5.0 / 0.1 + 5.0 / 0.1 + math.sqrt(32.0) / 0.2)
     level = Along.of(np.array([(0, 0), (0, 1)], np.int32), np.zeros((1, 2)), (1.0, 1000.0)).numbers
-    assert level.time_s == pytest.approx(
-        3600.0 / (6.0 * math.exp(-3.5 * 0.05))
-    )  # without a vehicle a hiker's
-    assert math.isnan(level.energy_j)
+    assert math.isnan(level.time_s) and math.isnan(level.energy_j)
     weight = 50.0 * 9.80665
     assert found.energy_j == pytest.approx(
         2 * weight * (0.15 * 4 + 3) / 0.8 + 0.3 * weight * (0.15 * 4 - 4)
@@ -77,9 +74,6 @@ def test_what_is_summed_along_the_way_ends_with_the_whole_and_back_again_climb_i
     assert (there.climb_m, there.descent_m) == pytest.approx((numbers.descent_m, numbers.climb_m))
     assert there.ground_length_m == pytest.approx(numbers.ground_length_m)
     assert there.time_s != pytest.approx(numbers.time_s)
-    assert Along.of(path.astype(np.float64), rough(), (2.0, 3.0), ROVER).numbers == pytest.approx(
-        there, nan_ok=True
-    )
 
 
 def test_heights_between_middles_are_bilinear_and_an_unknown_cell_matters_only_where_it_weighs():
@@ -126,7 +120,7 @@ def test_numbers_of_way_points_are_those_of_the_bilinear_ground():
         ground, climb, descent = brute(line, heights, (2.0, 3.0))
         found = Along.of(line, heights, (2.0, 3.0)).numbers
         assert found.length_m == pytest.approx(np.hypot(*(np.diff(line, axis=0) * (2, 3)).T).sum())
-        # between two crossings the bilinear ground is a parabola, which is taken as its chord
+        # between two places the bilinear ground is about a parabola, which is taken as its chord
         assert found.ground_length_m == pytest.approx(ground, rel=2e-3)
         assert found.climb_m == pytest.approx(climb, rel=0.15) and found.climb_m <= climb + 1e-9
         assert found.descent_m == pytest.approx(descent, rel=0.15)

@@ -301,7 +301,7 @@ Vehicle(**SIZES, reserve=X) | 1.0 | reserve must be a share
 Vehicle(radius_m=X) | 400.0 | must be in metres
 Vehicle(radius_m=0.3, turning_radius_m=X) | 500.0 | must be in metres
 Vehicle(1.5, 1.2, 0.3, radius_m=X) | 1.0 | wanted no other values
-Vehicle(radius_m=X) | -1.0, 0.0 | radius_m must be a positive
+Vehicle(radius_m=X) | -1.0, 0.0 | radius_m must be in metres, above 0
 traversability_cost(X, 1.0) | *NO_MAP[:2] | dem
 traversability_cost(FLAT, X) | 0.0, NAN | cell size
 Traversability(slope_limit_deg=X) | 0, 90 | slope limit

@@ -4,7 +4,6 @@ import errno
 import os
 import signal
 import sys
-import threading
 import time
 import warnings
 from pathlib import Path
@@ -303,7 +302,7 @@ def test_a_folder_is_ours_alone(folder):
 
 def test_a_warm_up_that_cannot_keep_what_it_compiled_fails(made_folder, monkeypatch):
     monkeypatch.setattr(warmup, "exercise", lambda: compilations(double, 1))
-    told = [warmup.warm_up(keep_old=True, jobs=1) for _ in range(2)]
+    told = [warmup.warm_up(jobs=1) for _ in range(2)]
     assert [(warmth.kernels, warmth.signatures, warmth.compiled) for warmth in told] == [
         (1, 1, 1),
         (1, 1, 0),
@@ -311,7 +310,7 @@ def test_a_warm_up_that_cannot_keep_what_it_compiled_fails(made_folder, monkeypa
     monkeypatch.setattr(warmup, "exercise", lambda: compilations(double, 1.5))
     monkeypatch.setattr(Path, "replace", fails_with(errno.ENOSPC))
     with warnings.catch_warnings(action="error"), pytest.raises(OutputError, match="No space left"):
-        warmup.warm_up(keep_old=True, jobs=1)
+        warmup.warm_up(jobs=1)
     with pytest.raises(ValueError, match="at least 1, got 0"):
         warmup.warm_up(jobs=0)
 
@@ -322,7 +321,7 @@ def test_a_warm_up_that_cannot_keep_what_it_compiled_fails(made_folder, monkeypa
 def test_a_warm_up_needs_no_help(made_folder, monkeypatch, python):
     monkeypatch.setattr(warmup, "exercise", lambda: compilations(double, 1))
     monkeypatch.setattr(sys, "executable", python or sys.executable)
-    assert warmup.warm_up(keep_old=True, jobs=3).compiled == 1
+    assert warmup.warm_up(jobs=3).compiled == 1
 
 
 def test_time_in_which_kernels_are_made_ready_is_a_stage_of_its_own(folder):
@@ -339,25 +338,6 @@ def test_time_in_which_kernels_are_made_ready_is_a_stage_of_its_own(folder):
     again = Work()
     again.stage_ends("coarse")
     assert list(again.timings_ms) == ["coarse"]
-
-
-def test_a_warm_up_tells_how_many_versions_are_kept(made_folder, monkeypatch):
-    told = []
-    counted = threading.Event()
-
-    def exercise():
-        compilations(double, 1)
-        assert counted.wait(10.0)
-
-    def progress(count):
-        told.append(count)
-        if count == 1:
-            counted.set()
-
-    monkeypatch.setattr(warmup, "exercise", exercise)
-    monkeypatch.setattr(warmup, "_WATCH_S", 0.01)
-    warmup.warm_up(keep_old=True, jobs=1, progress=progress)
-    assert told == sorted(told) and told[-1] == 1
 
 
 @pytest.fixture

@@ -221,11 +221,11 @@ def test_heights_and_costs_that_the_map_has_already_change_nothing():
         Vehicle(radius_m=0.6),
     ):
         state = map_state(Ground.of_elevation(heights, 0.5, soft, vehicle=vehicle))
-        assert state.update_elevation(0, 0, heights[:20, :20]).cells == 0
+        assert state.update(0, 0, heights[:20, :20], layer="heights").cells == 0
         other = heights.copy()
         other[10:12, 15] = 0.5
         other[11, 17] = np.nan
-        (row, col, rows, cols) = state.update_elevation(5, 5, other[5:25, 5:35]).part
+        (row, col, rows, cols) = state.update(5, 5, other[5:25, 5:35], layer="heights").part
         assert row > 5 and col > 8 and row + rows < 20 and col + cols < 25
         np.testing.assert_array_equal(state.elevation(), other)
         np.testing.assert_array_equal(state.cost(), Ground.of_elevation(other, 0.5, soft).costs())

@@ -149,7 +149,6 @@ omega=float('nan') | metadata
 sigma=float('inf') | metadata
 sigma=-1.0 | sigma
 input_size=1 << 40, blocks=8 | metadata
-training={'deep': json.loads('[' * 100 + ']' * 100)} | metadata
 format='other' | format
 channels=('start_map', 'cost', 'goal_map') | channels
 encoding='sine' | encoding

@@ -85,16 +85,16 @@ def test_a_reserve_takes_its_share_off_every_limit():
 
 
 OTHER_UNITS = """
-clearance_m=400.0 | clearance_m must be in metres, at most 4.8 for such a vehicle, got 400 (0.4 m if
+clearance_m=400.0 | clearance_m must be in metres, above 0 and at most 4.8 for such a vehicle, got 4
 max_step_m=150.0 | max_step_m must be in metres
 turns_on_spot=False | a body that turns on the spot alone drives no arcs: wanted a turning_radius_m
 reverse_cost=2.0 | drives no arcs: wanted a turning_radius_m
 turning_radius_m=2.0, reverse_cost=0.5 | reverse_cost must be a number of at least 1, got 0.5
-turning_radius_m=2000.0 | turning_radius_m must be in metres, at most 160
+turning_radius_m=2000.0 | turning_radius_m must be in metres, above 0 and at most 160
 turning_radius_m=2.0, gear_change_m=-1.0 | gear_change_m must be a number of metres from 0 to
-length_m=1600.0, width_m=1200.0, clearance_m=300.0 | length_m must be in metres, at most 250
-width_m=120.0 | width_m must be in metres, at most 80
-max_tilt_deg=0.5236 | max_tilt_deg must be in degrees, above 1.57, got 0.5236 (30° if that is in rad
+length_m=1600.0, width_m=1200.0, clearance_m=300.0 | length_m must be in metres, above 0 and at most 250
+width_m=120.0 | width_m must be in metres, above 0 and at most 80
+max_tilt_deg=0.5236 | max_tilt_deg must be in degrees, above 1.57 (else radians) and below 90, got 0
 max_roll_deg=0.35 | max_roll_deg must be in degrees
 max_pitch_deg=1.5707963267948966 | max_pitch_deg must be in degrees
 wheelbase_m=1.7 | the wheels must lie under the body:

@@ -74,7 +74,7 @@ vehicle | BODY axles = 9                 | axles | 2 to 8 | got 9
 vehicle | length_m = true\nwidth_m = 1\nclearance_m = 0.3 | length_m: Expected float | got True
 vehicle | length_m = 1.5\nwidth_m = 1\nclearance_m = -0.3 | clearance_m | -0.3
 vehicle | length_m = 1.5\nwidth_m = 1\nclearance_m = 300  | toml: clearance_m must be in metres, | got 300
-vehicle | BODY max_tilt_deg = 90         | max_tilt_deg | (0, 90) | 90
+vehicle | BODY max_tilt_deg = 90         | max_tilt_deg | below 90 | got 90
 vehicle | BODY track_m = 1.2             | the wheels must lie under the body | track_m
 vehicle | BODY length_m = 2              | wanted a vehicle in TOML
 vehicle | BODY [mobility.energy]\nmass_kg = -50\nrolling_resistance = 0.1 | mobility: energy | mass_kg

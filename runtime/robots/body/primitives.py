@@ -45,7 +45,8 @@ _BACKWARD_LEG = 3
 _LEFT_ARC = 4
 _RIGHT_ARC = 5
 _BACKWARDS_ON = 2
-"""Kinds of primitives after the turns; an arc backwards is so many on."""
+_KINDS = 8
+"""Kinds of primitives after the turns; an arc backwards is so many on; and how many there are."""
 _INT = np.int32
 _FLOAT = np.float32
 
@@ -135,32 +136,29 @@ def primitives(vehicle: Vehicle, sides_m: Sides) -> tuple[Prices, float]:
     geared = vehicle.gear_change_m > 0.0 and vehicle.reverse_cost is not None
     gears = (FORWARDS, BACKWARDS) if geared else (FORWARDS,)
     unit = min(sides_m)
-    found = dict[tuple[int, int], tuple[Move, tuple[float, float]]]()
-    ways = list(_ways(vehicle, sides_m))
-    kinds = sorted(
-        {(kind, before) for _, kind, _, _, gear in ways for before in (gears if gear else (0,))}
-    )
-    for k, kind, move, length, gear in ways:
+    # a column for each kind and each gear before it, at first
+    shape = len(gears) * DIRECTION_COUNT, _KINDS * len(gears)
+    moves = np.full((*shape, MOVE_COLUMNS), -1, _INT)
+    fares = np.zeros((*shape, FARE_COLUMNS), _FLOAT)
+    origins = np.full(shape, -1, _INT)
+    for k, kind, move, length, gear in _ways(vehicle, sides_m):
         cells = length * (vehicle.reverse_cost or 1.0) if gear < 0 else length
-        for before in gears:
+        for number, before in enumerate(gears):
             if gear:
                 onwards = gears[-1] if gear < 0 else FORWARDS
                 fixed_m = 0.0 if before == onwards else vehicle.gear_change_m
             else:
+                number = 0
                 onwards = before
                 fixed_m = vehicle.turn_m_per_rad * turn_rad(move.motion - TURNS, sides_m)
-            at = kinds.index((kind, before if gear else 0))
-            fare = (cells, fixed_m / sides_m[0])
-            found[k + before, at] = move._replace(to=move.to + onwards), fare
-    states = len(gears) * DIRECTION_COUNT
-    count = len(kinds)
-    moves = np.full((states, count, MOVE_COLUMNS), -1, _INT)
-    fares = np.zeros((states, count, FARE_COLUMNS), _FLOAT)
-    origins = np.full((states, count), -1, _INT)
-    for (local, at), (move, fare) in found.items():
-        moves[local, at] = move
-        fares[local, at] = fare
-        origins[move.to, at] = local
+            at = kind * len(gears) + number
+            moves[k + before, at] = move._replace(to=move.to + onwards)
+            fares[k + before, at] = cells, fixed_m / sides_m[0]
+            origins[move.to + onwards, at] = k + before
+    there = (origins >= 0).any(0)
+    moves = np.compress(there, moves, axis=1)
+    fares = np.compress(there, fares, axis=1)
+    origins = np.compress(there, origins, axis=1)
     legs = [_leg(k, k) for k in range(DIRECTION_COUNT)]
     lengths = list(map(math.hypot, LEG_ROWS, LEG_COLS))
     shortest = 1.0

@@ -24,7 +24,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from nnpp_edge.runtime.arguments import checked
+from nnpp_edge.runtime.arguments import ABOVE_0, FROM_0, MOST, check_ranges, checked
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Sides
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -154,26 +154,6 @@ def _knots(kinks: Float64s) -> Float64s:
     )
 
 
-def _check(
-    model: object,
-    *,
-    above_0: tuple[str, ...] = (),
-    not_below_0: tuple[str, ...] = (),
-    between: dict[str, tuple[int, int]] | None = None,
-) -> None:
-    """InvalidQueryError for the first value of a model that is out of range."""
-    for names, least, wanted in (
-        (above_0, math.ulp(0.0), "above 0"),
-        (not_below_0, 0.0, "at least 0"),
-    ):
-        for name in names:
-            if not least <= (value := getattr(model, name)) < math.inf:
-                raise InvalidQueryError(f"{name} must be a number {wanted}, got {value}")
-    for name, (low, high) in (between or {}).items():
-        if not low <= (value := getattr(model, name)) <= high:
-            raise InvalidQueryError(f"{name} must lie from {low} to {high}, got {value}")
-
-
 @checked(InvalidQueryError)
 @dataclass(frozen=True)
 class ToblerCost(SlopeCost):
@@ -197,11 +177,13 @@ class ToblerCost(SlopeCost):
 
     def __post_init__(self) -> None:
         """Refuse what is no speed: InvalidQueryError."""
-        _check(
+        check_ranges(
             self,
-            above_0=("top_speed_km_h", "factor"),
-            not_below_0=("steepness",),
-            between={"best_slope": (-1, 1)},
+            InvalidQueryError,
+            top_speed_km_h=ABOVE_0,
+            steepness=FROM_0,
+            best_slope=(-1.0, 1.0, "a number from -1 to 1"),
+            factor=ABOVE_0,
         )
 
     @property
@@ -239,11 +221,14 @@ class LinearCost(SlopeCost):
 
     def __post_init__(self) -> None:
         """Refuse what would make some way cost nothing, or less: InvalidQueryError."""
-        _check(self, above_0=("level_per_m",), not_below_0=("up_per_m", "steep_down_per_m"))
-        if not -math.inf < self.steep_slope <= 0.0:
-            raise InvalidQueryError(
-                f"steep_slope must be a finite number, at most 0, got {self.steep_slope}"
-            )
+        check_ranges(
+            self,
+            InvalidQueryError,
+            level_per_m=ABOVE_0,
+            up_per_m=FROM_0,
+            steep_down_per_m=FROM_0,
+            steep_slope=(-MOST, 0.0, "a number of at most 0"),
+        )
         gentle = self.level_per_m - self.down_per_m * self.steep_slope
         if not (gentle > 0.0 and self.down_per_m < math.inf):
             raise InvalidQueryError(
@@ -326,7 +311,7 @@ class IrmischerCost(SlopeCost):
 
     def __post_init__(self) -> None:
         """Refuse what is no speed: InvalidQueryError."""
-        _check(self, above_0=("factor",))
+        check_ranges(self, InvalidQueryError, factor=ABOVE_0)
 
     def per_m(self, slope: Float64s) -> Float64s:
         gain, best = (1.0, -5.0) if self.on_path else (0.67, -2.0)
@@ -372,17 +357,18 @@ class EnergyCost(SlopeCost):
 
     def __post_init__(self) -> None:
         """Refuse what no vehicle has: InvalidQueryError."""
-        _check(
+        check_ranges(
             self,
-            above_0=("mass_kg", "rolling_resistance", "gravity_m_s2"),
-            not_below_0=("idle_w",),
-            between={"efficiency": (0, 1), "recovery": (0, 1)},
+            InvalidQueryError,
+            mass_kg=ABOVE_0,
+            rolling_resistance=ABOVE_0,
+            efficiency=(math.ulp(0.0), 1.0, "a number in (0, 1]"),
+            recovery=(0.0, 1.0, "a number from 0 to 1"),
+            gravity_m_s2=ABOVE_0,
+            idle_w=FROM_0,
+            speed_m_s=ABOVE_0,
         )
-        if self.efficiency == 0.0:
-            raise InvalidQueryError("efficiency must lie in (0, 1], got 0")
-        if self.speed_m_s is not None:
-            _check(self, above_0=("speed_m_s",))
-        elif self.idle_w:
+        if self.idle_w and self.speed_m_s is None:
             raise InvalidQueryError("idle_w needs a speed_m_s: how long a metre takes")
 
     @property
@@ -412,10 +398,6 @@ def unit_of(step_cost: str) -> str:
     return SLOPE_COSTS[step_cost].unit if step_cost in SLOPE_COSTS else ""
 
 
-_EARTH = 9.80665
-"""m/s²."""
-
-
 @checked(InvalidQueryError)
 @dataclass(frozen=True)
 class Mobility:
@@ -423,24 +405,16 @@ class Mobility:
     model.
     """
 
-    tobler: ToblerCost | None = ToblerCost()
-    """None where nobody walks, off the Earth and in a vehicle, unless that is the step cost."""
+    tobler: ToblerCost = ToblerCost()
     linear: LinearCost = LinearCost()
     time: TimeCost | None = None
     energy: EnergyCost | None = None
     irmischer: IrmischerCost = IrmischerCost()
 
     def under(self, gravity_m_s2: float) -> "Mobility":
-        """This model under another gravity, on which energy depends, and whether anybody walks by
-        default.
-        """
+        """This model under another gravity, on which energy depends."""
         energy = self.energy and replace(self.energy, gravity_m_s2=gravity_m_s2)
-        found = replace(self, energy=energy)
-        return found if gravity_m_s2 == _EARTH else found.unwalked()
-
-    def unwalked(self) -> "Mobility":
-        """This model where nobody walks by default: a walker whose numbers were set stays."""
-        return replace(self, tobler=None) if self.tobler == ToblerCost() else self
+        return replace(self, energy=energy)
 
     def model(self, step_cost: str) -> SlopeCost:
         """The model of that ``step_cost``; InvalidQueryError where there is none, or its table is
@@ -451,8 +425,6 @@ class Mobility:
                 f"step_cost must be one of paper, {', '.join(SLOPE_COSTS)}, got {step_cost!r}"
             )
         found: SlopeCost | None = getattr(self, step_cost)
-        if step_cost == "tobler":
-            found = found or ToblerCost()
         if found is None:
             wanted = (
                 "slope_deg and speed_m_s"

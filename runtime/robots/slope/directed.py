@@ -203,10 +203,7 @@ class DirectedPrice(Price):
             return change
         found = np.argwhere(changed) + np.array((row, col))
         parts = [holding(found), change.part] if change.cells else [holding(found)]
-        cheaper = change.cheaper or bool((here < before).any())
-        return change._replace(
-            part=enclosing(parts), cells=max(change.cells, len(found)), cheaper=cheaper
-        )
+        return change._replace(part=enclosing(parts), cells=max(change.cells, len(found)))
 
     def edges(self, backwards: bool = False) -> Edges:
         return self._edges
