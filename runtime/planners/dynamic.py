@@ -343,7 +343,6 @@ class DynamicPlanner(OnMap):
         *,
         method: str | None = None,
         time_limit_s: float = math.inf,
-        keep_regions: bool = False,
         goes_on: bool = False,
         approach: bool = False,
     ) -> Plan:
@@ -351,8 +350,8 @@ class DynamicPlanner(OnMap):
 
         The path of a plan that is OK leads over passable cells of the newest map. Regions that fail
         are widened, then the whole map is searched: NO_PATH means that there is none. `method`
-        stands in for the planner's own, for which alone `prepare` does all there is to do; time and
-        regions as in `PlanOptions`.
+        stands in for the planner's own, for which alone `prepare` does all there is to do; the time
+        as in `PlanOptions`.
 
         With `goes_on` a search that has no time left is kept, and goes on with `go_on` and the next
         call by the same method, however the map and the ends have changed: TIMEOUT until its path,
@@ -371,7 +370,7 @@ class DynamicPlanner(OnMap):
             The network is needed and cannot be loaded.
         """
         wanted = self.method if method is None else DynamicMethod(method)
-        options = Options(wanted, keep_regions, approach)
+        options = Options(wanted, approach)
         place = self._place(Deadline.within(time_limit_s))
         plan = None
         if wanted is DynamicMethod.AUTO and not self.search_due:

@@ -5,7 +5,6 @@ thread's turn.
 import functools
 import math
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from threading import RLock
 from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
 
@@ -33,7 +32,6 @@ from nnpp_edge.runtime.search.astar import cost_field
 from nnpp_edge.runtime.tuning import NEAR
 
 if TYPE_CHECKING:
-    from nnpp_edge.runtime.network.inference import NetworkModel
     from nnpp_edge.runtime.robots.body.attitude import PoseCheck
 
 P = ParamSpec("P")
@@ -214,14 +212,6 @@ class OnMap:
 
     def _changed(self) -> None:
         """The map has just changed."""
-
-    @checked(InvalidQueryError)
-    @one_at_a_time
-    def use_model(self, model: "str | Path | NetworkModel") -> None:
-        """Use this network from now on, loaded and tried now; ModelError where that fails: the old
-        one stays.
-        """
-        self._model = self._methods.use_model(model)
 
     @one_at_a_time
     def touch(self) -> None:

@@ -320,15 +320,6 @@ class Plan:
 
     def __str__(self) -> str:
         """Its figures, a line each."""
-        return "\n".join(f"{name:<15}{value}" for name, value in self._rows().items())
-
-    def _repr_html_(self) -> str:
-        """Its figures and, with matplotlib, a picture of the path, for notebooks."""
-        from nnpp_edge.runtime.planners.plan_shown import html_of
-
-        return html_of(self._rows(), self.line, self.region)
-
-    def _rows(self) -> dict[str, object]:
         rows: dict[str, object] = {"status": self.status, "method": self.planner or self.method}
         rows |= {
             name: value for name in ("source", "choice", "reason") if (value := getattr(self, name))
@@ -344,7 +335,7 @@ class Plan:
         rows["expansions"] = self.expansions
         if "total" in self.timings_ms:
             rows["time"] = f"{self.timings_ms['total']:.3g} ms"
-        return rows
+        return "\n".join(f"{name:<15}{value}" for name, value in rows.items())
 
 
 def _finite(number: float) -> float | None:

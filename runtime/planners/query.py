@@ -83,7 +83,6 @@ class Found(NamedTuple):
         checked_before: int = 0,
         *,
         choice: str = "",
-        reason: str = "",
         keep_regions: bool = False,
     ) -> Plan:
         """The finished plan, which owns its data; of a map of which so many poses had been checked
@@ -105,7 +104,7 @@ class Found(NamedTuple):
             threshold=self.threshold,
             planner=by,
             choice=choice,
-            reason=reason or _REASONS.get(search.status, ""),
+            reason=_REASONS.get(search.status, ""),
             costs_computed=state.costs_computed,
             checks=state.grid.robot.stance.checks - checked_before,
             timings_ms=work.timings_ms,

@@ -134,11 +134,7 @@ class LearnedRegions:
     ) -> None:
         self._state = state
         self._unseen_change = unseen_change
-        self.use_model(model)
-
-    def use_model(self, model: str | Path | NetworkModel) -> None:
-        """Take the regions from this network from now on."""
-        self.model = model
+        self._model = model
         self._view: MapView | None = None
         self._finder = RegionFinder(1)
 
@@ -204,7 +200,7 @@ class LearnedRegions:
 
     def _loaded_view(self, stopwatch: Work) -> MapView:
         if self._view is None:
-            self._view = MapView(self._state, self.model, self._unseen_change)
+            self._view = MapView(self._state, self._model, self._unseen_change)
             self._finder = RegionFinder(self._view.blocks)
             if self._view.network.waited:
                 stopwatch.stage_ends("load")

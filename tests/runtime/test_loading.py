@@ -203,7 +203,7 @@ def test_a_file_that_has_changed_is_opened_anew(fresh_model, sessions, way):
     whole = fresh_model.read_bytes()
     fresh_model.write_bytes(whole[: len(whole) // 2])
     with pytest.raises(ModelError):
-        planner.use_model(fresh_model)
+        Planner(COST, model=fresh_model).plan(*ENDS, method="nnpp")
     assert planner.plan(*ENDS, method="nnpp").ok  # by the old one
     fresh_model.write_bytes(whole)
     content = fresh_model.read_bytes().replace(b'"version": "0"', b'"version": "1"')
@@ -216,8 +216,8 @@ def test_a_file_that_has_changed_is_opened_anew(fresh_model, sessions, way):
         fresh_model.with_suffix(".new").replace(fresh_model)
     after = NetworkModel(fresh_model)
     assert (before.metadata.version, after.metadata.version) == ("0", "1")
-    planner.use_model(fresh_model)
-    assert planner.plan(*ENDS, method="nnpp").ok and len(sessions.paths) == 2
+    newer = Planner(COST, model=fresh_model)
+    assert newer.plan(*ENDS, method="nnpp").ok and len(sessions.paths) == 2
 
 
 def test_a_file_that_changes_while_it_is_loaded_is_refused(fresh_model, sessions, monkeypatch):

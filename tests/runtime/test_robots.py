@@ -69,8 +69,8 @@ def test_every_method_finds_dijkstras_cost_and_no_bound_is_above_it(name, worlds
             options = {"start_heading_deg": begin, "goal_heading_deg": end, "keep_regions": True}
             for method, epsilon in itertools.product(Method, (math.inf, 0.02, 0.0)):
                 plan = planner.plan(start, goal, method=method, epsilon=epsilon, **options)
-                bound = METHODS[plan.method].bound or math.inf
-                world.judge(plan, optimum, min(epsilon, bound - 1.0))
+                allowed = 0.0 if METHODS[plan.method].exact else epsilon
+                world.judge(plan, optimum, allowed)
                 found += plan.ok
                 if name in ("costs", "lengths") and plan.ok and plan.region is not None:
                     region = plan.region.mask()
@@ -114,7 +114,7 @@ def test_on_a_map_that_changes_plans_and_the_standing_path_are_those_of_the_newe
                     with interrupting(int(rng.integers(1, 400))), suppress(KeyboardInterrupt):
                         moving.replan(method=method)
                 plan = moving.replan(method=method)
-                world.judge(plan, optimum, (METHODS[method].bound or math.inf) - 1.0)
+                world.judge(plan, optimum, 0.0 if METHODS[method].exact else math.inf)
                 seen[plan.status] += 1
             if plan.ok:
                 at = int(rng.integers(len(plan.path)) * rng.random())
