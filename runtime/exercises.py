@@ -91,7 +91,7 @@ def _exercise_costs(network: NetworkModel) -> None:
     start = (1, 2)
     goal = (198, 125)
     planner = Planner(cost, model=network)
-    planner.prepare(landmarks=1, goals=[goal])
+    planner.prepare(landmarks=1)
     for method in STILL:
         planner.plan(start, goal, method=method, refine="any-angle")
     Refiner(planner.state).cost(np.array((start, goal), np.float64))

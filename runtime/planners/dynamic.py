@@ -22,12 +22,7 @@ from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.options import PlannerOptions
 from nnpp_edge.runtime.planners.joining import ON_IT, Joiner, nearest_on
-from nnpp_edge.runtime.planners.methods import file_of
-from nnpp_edge.runtime.planners.on_map import (
-    OnMap,
-    one_at_a_time,
-    split,
-)
+from nnpp_edge.runtime.planners.on_map import OnMap, coarse_ground, one_at_a_time, split
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Plan, Source
 from nnpp_edge.runtime.planners.query import Found, problem_with
 from nnpp_edge.runtime.planners.searching import Options, Searching, find
@@ -123,9 +118,7 @@ class DynamicPlanner(OnMap):
         **options: Unpack[PlannerOptions],
     ) -> "DynamicPlanner":
         """A planner of ground that is known coarsely, as `Planner.of_coarse`."""
-        own, rest = split(options)
-        model = file_of(rest.pop("model", "unseen"))
-        ground = Ground.of_coarse(dem, cell_size_m, factor, traversability, model=model, **own)
+        ground, rest = coarse_ground(dem, cell_size_m, factor, traversability, options)
         return cls(ground, goal, **rest)
 
     _repeated = True

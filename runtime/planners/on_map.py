@@ -25,7 +25,7 @@ from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.state import MapState, map_state
 from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.options import PlannerOptions
-from nnpp_edge.runtime.planners.methods import Methods
+from nnpp_edge.runtime.planners.methods import Methods, file_of
 from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.runtime.planners.query import in_words, problem_with
 from nnpp_edge.runtime.search.astar import cost_field
@@ -33,6 +33,7 @@ from nnpp_edge.runtime.tuning import NEAR
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.robots.body.attitude import PoseCheck
+    from nnpp_edge.runtime.terrain.traversability import Traversability
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -249,13 +250,25 @@ class OnMap:
         return field
 
 
-def split(
-    options: Mapping[str, object], kind: type = Ground
-) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The options that are attributes of a class, or keys of a record, and the others."""
-    own = {name: value for name, value in options.items() if name in kind.__annotations__}
+def split(options: Mapping[str, object]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The options that are attributes of `Ground`, and the others."""
+    own = {name: value for name, value in options.items() if name in Ground.__annotations__}
     rest = {name: value for name, value in options.items() if name not in own}
     return own, rest
+
+
+def coarse_ground(
+    dem: Float2D,
+    cell_size_m: float,
+    factor: int,
+    traversability: "Traversability | None",
+    options: PlannerOptions,
+) -> tuple[Ground, dict[str, Any]]:
+    """The ground of `Planner.of_coarse`, and the options that are left for the planner."""
+    own, rest = split(options)
+    model = file_of(rest.pop("model", "unseen"))
+    ground = Ground.of_coarse(dem, cell_size_m, factor, traversability, model=model, **own)
+    return ground, rest
 
 
 def _mask(seen: Bool | None, patch: Float2D) -> Bool | None:

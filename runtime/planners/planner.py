@@ -13,12 +13,7 @@ from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.options import PlannerOptions, PlanOptions
-from nnpp_edge.runtime.planners.methods import file_of
-from nnpp_edge.runtime.planners.on_map import (
-    OnMap,
-    one_at_a_time,
-    split,
-)
+from nnpp_edge.runtime.planners.on_map import OnMap, coarse_ground, one_at_a_time, split
 from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.planners.query import options_of
 from nnpp_edge.runtime.search.astar import Query, costs_to_nearest
@@ -120,25 +115,21 @@ class Planner(OnMap):
             As for `of_elevation`, as errors are, and `prior`, see `Ground`; its network is the
             option `model`.
         """
-        own, rest = split(options)
-        model = file_of(rest.pop("model", "unseen"))
-        ground = Ground.of_coarse(dem, cell_size_m, factor, traversability, model=model, **own)
+        ground, rest = coarse_ground(dem, cell_size_m, factor, traversability, options)
         return cls(ground, **rest)
 
     @checked(InvalidQueryError)
     @one_at_a_time
-    def prepare(self, *, landmarks: int = 0, goals: Sequence[Cell] = ()) -> None:
+    def prepare(self, *, landmarks: int = 0) -> None:
         """Compute costs once for this map, so that ``astar`` expands a fraction of the cells, for
         the same optimum.
 
-        `landmarks` are cells spread over the map, for queries between any two places; 8 serve well.
-        `goals` are passable cells, for queries to (or from) them: the search then goes straight
-        along the path. Worth it for many queries on a map that stays, or whose cells only become
-        dearer: a patch that makes a cell cheaper undoes it. Each takes one search of the whole map,
-        several times an A*'s work, and 4 bytes a cell. InvalidQueryError for more than 8 in all,
-        steps that cost by their slope, or a goal that is outside the map or impassable.
+        `landmarks` are cells spread over the map; 8, the most, serve well. Worth it for many
+        queries on a map that stays, or whose cells only become dearer: a patch that makes a cell
+        cheaper undoes it. Each takes one search of the whole map, several times an A*'s work, and 4
+        bytes a cell. InvalidQueryError for more than 8, or steps that cost by their slope.
         """
-        self._methods.astar.prepare(landmarks, [as_cell(goal, "goal") for goal in goals])
+        self._methods.astar.prepare(landmarks)
 
     @one_at_a_time
     def plan(self, start: Cell, goal: Cell, **options: Unpack[PlanOptions]) -> Plan:
@@ -298,15 +289,3 @@ class Planner(OnMap):
 
 def _deadline(asked: PlanOptions) -> Deadline:
     return Deadline.within(asked["time_limit_s"]) if "time_limit_s" in asked else NEVER
-
-
-class PathOptions(PlannerOptions, PlanOptions):
-    """Options of `plan_path`: those of `Planner` and of `Planner.plan`."""
-
-
-def plan_path(cost: Float2D, start: Cell, goal: Cell, **options: Unpack[PathOptions]) -> Plan:
-    """Plan once, without keeping a planner; the arguments are those of `Planner` and
-    `Planner.plan`.
-    """
-    query, rest = split(options, PlanOptions)
-    return Planner(cost, **rest).plan(start, goal, **query)

@@ -11,7 +11,7 @@ import weakref
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime import Ground, Navigator, NetworkModel, Planner, plan_path
+from nnpp_edge.runtime import Ground, Navigator, NetworkModel, Planner
 from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.loop import navigator
 from nnpp_edge.runtime.network import loading
@@ -175,7 +175,7 @@ def test_planners_that_name_the_same_file_share_a_session_and_keep_maps_of_their
         Planner(COST, model=model) for model in (fresh_model, str(fresh_model), fresh_model)
     ]
     plans = [planner.plan(*ENDS, method="nnpp") for planner in planners]
-    plans.append(plan_path(COST, *ENDS, method="nnpp", model=fresh_model))
+    plans.append(Planner(COST, model=fresh_model).plan(*ENDS, method="nnpp"))
     one = NetworkModel(fresh_model)
     other = NetworkModel(fresh_model)
     begin_loading(one)

@@ -15,7 +15,6 @@ from nnpp_edge.runtime import (
     Planner,
     Pose,
     Status,
-    plan_path,
 )
 from nnpp_edge.runtime.errors import ModelError
 from tests.strategies import flat, uniform
@@ -57,7 +56,8 @@ def test_near_goals_are_found_by_exact_search_unless_the_way_is_long_and_auto_sa
 
 def test_another_omega_than_the_networks_is_said(network):
     with pytest.warns(UserWarning, match=r"trained for omega = 0\.011"):
-        plan_path(flat(80, 80, 0.2), (0, 0), (70, 70), method="nnpp", omega=0.05, model=network)
+        planner = Planner(flat(80, 80, 0.2), omega=0.05, model=network)
+        planner.plan((0, 0), (70, 70), method="nnpp")
 
 
 def test_a_network_is_given_by_its_name_or_file_or_loaded(network, tiny_model, tmp_path):
@@ -100,7 +100,7 @@ def test_a_status_says_why(network):
         ((0, 0), (0, 0), Status.OK, ""),
     ):
         for method in ("astar", "corridor", "nnpp", "auto"):
-            plan = plan_path(cost, start, goal, method=method, model=network)
+            plan = Planner(cost, model=network).plan(start, goal, method=method)
             assert (plan.status, plan.reason) == (status, why)
             assert plan.choice == "" or status in (Status.NO_PATH, Status.OK)
         if status is not Status.GOAL_OUTSIDE_MAP:
