@@ -161,15 +161,13 @@ class Kind(NamedTuple):
     """The value of `Vehicle` without which it is none."""
     robot: str
     """``module:function`` of (state, vehicle, sides_m): its `Robot` on a `MapState` being made."""
-    values: tuple[str, ...] = ()
-    """What else it may have; empty for everything."""
     by_heights: bool = True
-    """Whether it stands by heights, not by costs alone."""
+    """Whether it stands by heights, not by costs alone; else it has no other values."""
 
 
 _ROBOTS = "nnpp_edge.runtime.robots."
 KINDS = (
-    Kind("disc", "radius_m", f"{_ROBOTS}disc:disc_on", ("turning_radius_m",), by_heights=False),
+    Kind("disc", "radius_m", f"{_ROBOTS}disc:disc_on", by_heights=False),
     Kind("body", "length_m", f"{_ROBOTS}body.robot:body_on"),
 )
 """A vehicle is of the first kind whose key it has."""
@@ -295,6 +293,3 @@ class PlanOptions(TypedDict, total=False):
         Meta(ge=0.0, description="Greatest deviation from the heading at the goal; 0 by default."),
     ]
     """A body arrives in a direction so near to the heading, or in the nearest."""
-    turning_radius_m: float | None
-    """With `refine`: no turn at a way point is to be sharper; by default the vehicle's. Where no
-    such line is found, the answer is NO_PATH, and the reason says so."""

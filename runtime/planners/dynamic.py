@@ -377,7 +377,7 @@ class DynamicPlanner(OnMap):
                 self._path.set(plan)
                 self._aim = (self.goal, self.goal_heading_deg)
                 self._looks_ahead = True
-        return self._freed(plan, deadline=place.deadline) if self._refines else plan
+        return self._freed(plan, place.deadline) if self._refines else plan
 
     def _searched_for(self, place: Query, options: Options, *, goes_on: bool) -> Plan:
         """A plan by a search; by one that `goes_on` from call to call TIMEOUT while it does."""

@@ -231,11 +231,11 @@ class OnMap:
 
         return refines(refine, self._state.grid)
 
-    def _freed(self, plan: Plan, radius_m: float | None = None, deadline: Deadline = NEVER) -> Plan:
+    def _freed(self, plan: Plan, deadline: Deadline = NEVER) -> Plan:
         """The plan, freed from the grid."""
-        from nnpp_edge.runtime.planners.refine import Refiner
+        from nnpp_edge.runtime.planners.refine import refined
 
-        return Refiner(self._state).refined(plan, radius_m, deadline)
+        return refined(plan, self._state, deadline)
 
     def _reach(self, start: Cell, within: float = math.inf) -> Float2D:
         """As `Planner.reach`."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
-from nnpp_edge.runtime.arrays import Cells, Floats, Int32, headings_along
+from nnpp_edge.runtime.arrays import Cells, Floats, Int32, curvatures, headings_along
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.options import METHODS, STILL, Entry
 from nnpp_edge.runtime.search.region import Region
@@ -196,12 +196,10 @@ class Plan:
     @property
     def curvatures(self) -> Floats:
         """(N,) of the line at each way point, one over a radius in metres, or cells without
-        heights: `planners.turns`.
+        heights: `arrays.curvatures`.
         """
         if self.waypoints is None:
             return np.empty(0)
-        from nnpp_edge.runtime.planners.turns import curvatures
-
         sides_m = (1.0, 1.0) if self.along is None else self.along.sides_m
         return curvatures(self.waypoints * sides_m)
 

@@ -221,7 +221,7 @@ class Planner(OnMap):
             grid,
             best_order=best_order,
             nearest=nearest if asked.get("method") == Method.ASTAR else None,
-            finish=lambda leg: self._refined(leg, refining, asked, deadline),
+            finish=lambda leg: self._refined(leg, refining, deadline),
             deadline=deadline,
         )
         return replace(found, plan=found.plan.over(self._state))
@@ -253,7 +253,7 @@ class Planner(OnMap):
         plan = self._on_grid(start, goal, asked, work, deadline)
         if not refining and plan.states is None:
             return plan
-        return self._refined(plan, refining, asked, deadline)
+        return self._refined(plan, refining, deadline)
 
     def _on_grid(
         self,
@@ -280,10 +280,10 @@ class Planner(OnMap):
         keep = asked.get("keep_regions", False)
         return self._methods.plan(query, work, method, keep_regions=keep)
 
-    def _refined(self, plan: Plan, refining: bool, asked: PlanOptions, deadline: Deadline) -> Plan:
+    def _refined(self, plan: Plan, refining: bool, deadline: Deadline) -> Plan:
         """The plan, freed from the grid if that is asked for."""
         if refining:
-            return self._freed(plan, asked.get("turning_radius_m"), deadline)
+            return self._freed(plan, deadline)
         return plan if plan.states is None else plan.over(self._state)
 
 

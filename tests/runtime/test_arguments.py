@@ -227,8 +227,6 @@ POINT.plan(*PAIR, time_limit_s=X) | NAN, -1.0 | time_limit_s must be a number of
 POINT.plan(*PAIR, epsilon=X) | NAN, -0.1 | epsilon must be a number of at least 0
 POINT.plan(*PAIR, method=X) | 'best' | method must be one of
 POINT.plan(*PAIR, refine=X) | 'smooth' | refine must be one of any-angle
-POINT.plan(*PAIR, refine='any-angle', turning_radius_m=X) | -1.0 | positive number of metres
-POINT.plan(*PAIR, refine='any-angle', turning_radius_m=X) | 1.0 | cells have a size
 Planner(FLAT, omega=X) | 1e+300, NAN, -1.0 | omega must be from 0
 Planner(FLAT, step_cost=X) | 'euclid' | euclid
 Planner(FLAT, step_cost=X) | 'tobler' | 'tobler'.*elevations
@@ -291,7 +289,7 @@ Vehicle(**SIZES, turn_cost_m_per_rad=X) | -0.1, math.inf, NAN | turn_cost_m_per_
 Vehicle(**SIZES, axles=X) | 0, 1, 9, -2, 2.5, 3.0, NAN, True | axles .* got (0|1|9|-2|2.5|3.0|nan|True)
 Vehicle(**SIZES, reserve=X) | 1.0 | reserve must be a share
 Vehicle(radius_m=X) | 400.0 | must be in metres
-Vehicle(radius_m=0.3, turning_radius_m=X) | 500.0 | must be in metres
+Vehicle(radius_m=0.3, turning_radius_m=X) | 2.0 | wanted no other values
 Vehicle(1.5, 1.2, 0.3, radius_m=X) | 1.0 | wanted no other values
 Vehicle(radius_m=X) | -1.0, 0.0 | radius_m must be a positive
 traversability_cost(X, 1.0) | *NO_MAP[:2] | dem
