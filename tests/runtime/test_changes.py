@@ -154,10 +154,7 @@ def free(rows, cols):
 def test_changes_behind_the_robot_do_not_matter_and_off_its_path_it_stands_on_none():
     path, plan, put = standing_on(free(20, 60), (10, 0), (10, 59))
     put(10, 5, np.inf)
-    assert (path.check((10, 0)).footing, path.check((10, 0)).blocked_at) == (
-        Footing.BLOCKED,
-        (10, 5),
-    )
+    assert (path.check((10, 0)).footing, path.check((10, 0)).blocked) == (Footing.BLOCKED, 5)
     later = path.check((10, 20))
     assert later.valid and later.index == 20
     assert later.cost == pytest.approx(plan.cost * 39 / 59) and later.bound == pytest.approx(
