@@ -229,7 +229,7 @@ class PlannerOptions(GroundOptions, StepOptions, total=False):
 
 
 class PlanOptions(TypedDict, total=False):
-    """How a query is to be answered: the options of `Planner.plan`, `plan_via` and `nearest`."""
+    """How a query is to be answered: the options of `Planner.plan` and `plan_via`."""
 
     method: Annotated[
         str,

@@ -146,36 +146,11 @@ class Planner(OnMap):
             ``nnpp`` was asked for and the model cannot be loaded.
         """
         work = Work()  # the looks at the arguments count
-        return self._planned(start, goal, options_of(**options), work)
-
-    @checked(InvalidQueryError)
-    @one_at_a_time
-    def nearest(
-        self, start: Cell, goals: Sequence[Cell], *, count: int = 1, **options: Unpack[PlanOptions]
-    ) -> list[tuple[int, Plan]]:
-        """Paths to the `count` goals, (row, col), that cost least to reach, cheapest first; errors
-        as of `plan`.
-
-        Numbers of the goals and the plans that lead there; last those that cannot be reached, if
-        fewer than `count` can. Goals that cannot be among the nearest, by the octile distance, are
-        not planned to. The time of the options is each goal's own. Only exact methods are certain
-        to know the order of goals that are nearly as near.
-        """
-        if not len(goals):
-            raise InvalidQueryError("wanted at least one goal, got none")
-        if not count >= 1:
-            raise InvalidQueryError(f"count must be at least 1, got {count}")
-        cells = [as_cell(goal, "goal") for goal in goals]
-        begin = as_cell(start, "start")
         asked = options_of(**options)
-        bounds = [self._state.grid.least_cost(begin, cell) for cell in cells]
-        plans: dict[int, Plan] = {}
-        for at in sorted(range(len(cells)), key=bounds.__getitem__):
-            known = sorted(plan.cost for plan in plans.values())
-            if len(known) >= count and known[count - 1] <= bounds[at]:
-                break
-            plans[at] = self._planned(begin, cells[at], asked, Work())
-        return sorted(plans.items(), key=lambda item: (not item[1].ok, item[1].cost))[:count]
+        refining = "refine" in asked and self._frees(asked["refine"])
+        deadline = _deadline(asked)
+        plan = self._on_grid(start, goal, asked, work, deadline)
+        return self._refined(plan, refining, deadline)
 
     @checked(InvalidQueryError)
     @one_at_a_time
@@ -246,14 +221,6 @@ class Planner(OnMap):
         return self._state.grid.robot.moves.came_to(
             self._state.grid, as_cell(start, "start"), memory
         )
-
-    def _planned(self, start: Cell, goal: Cell, asked: PlanOptions, work: Work) -> Plan:
-        refining = "refine" in asked and self._frees(asked["refine"])
-        deadline = _deadline(asked)
-        plan = self._on_grid(start, goal, asked, work, deadline)
-        if not refining and plan.states is None:
-            return plan
-        return self._refined(plan, refining, deadline)
 
     def _on_grid(
         self,

@@ -99,7 +99,6 @@ METHODS = {
     lambda: Planner(COST): {
         "plan": {**ENDS, "method": "astar"},
         "plan_via": {**ENDS, "via": [(3, 3)], "method": "astar"},
-        "nearest": {"start": (1, 2), "goals": [(3, 3)], "method": "astar"},
         "reach": {"start": (1, 2)},
         "update": PATCH,
         "prepare": {},
@@ -219,10 +218,7 @@ X.update_elevation(0, 0, FLAT[:2, :2]) | POINT, ON_DISC | wanted costs
 POINT.update(X, 0, np.ones((2, 2))) | 1.7 | whole number
 POINT.plan(X, (1, 1)) | *CELLS | must be two whole numbers \(row, col\), got
 POINT.plan((1, 1), X) | *CELLS | must be two whole numbers \(row, col\), got
-POINT.nearest((1, 1), [X]) | *CELLS | must be two whole numbers \(row, col\), got
 DynamicPlanner(FLAT, X) | *CELLS | must be two whole numbers \(row, col\), got
-POINT.nearest((1, 1), X) | [] | at least one goal
-POINT.nearest((1, 1), [(2, 2)], count=X) | 0 | count must be at least 1, got 0
 POINT.plan(*PAIR, time_limit_s=X) | NAN, -1.0 | time_limit_s must be a number of at least 0
 POINT.plan(*PAIR, epsilon=X) | NAN, -0.1 | epsilon must be a number of at least 0
 POINT.plan(*PAIR, method=X) | 'best' | method must be one of
