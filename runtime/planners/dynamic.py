@@ -86,7 +86,7 @@ class DynamicPlanner(OnMap):
     ) -> None:
         self.method = DynamicMethod(method)
         self._standing: Plan | None = None
-        super().__init__(cost, cell_size_m, options, tell_unknown=True)
+        super().__init__(cost, cell_size_m=cell_size_m, **options)
         self._refines = self._frees(refine)
         self.set_goal(goal)
 

@@ -6,7 +6,7 @@ import functools
 import math
 from collections.abc import Callable, Mapping
 from threading import RLock
-from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar, Unpack
 
 import numpy as np
 
@@ -85,15 +85,14 @@ class OnMap:
     """
 
     _repeated = False
-    """Whether queries lead to one goal, again and again."""
+    """Whether queries lead to one goal, again and again, and it is kept which cells are unknown."""
 
     def __init__(
         self,
         cost: Float2D | Ground,
-        cell_size_m: float | None,
-        options: PlannerOptions,
         *,
-        tell_unknown: bool = False,
+        cell_size_m: float | None = None,
+        **options: Unpack[PlannerOptions],
     ) -> None:
         own, rest = split(options)
         if isinstance(cost, Ground) and (own or cell_size_m is not None):
@@ -105,7 +104,7 @@ class OnMap:
         self._half_done = False
         self._model = rest.pop("model", "edge")
         self._ask_from = rest.pop("ask_from", NEAR)
-        self._state: MapState = map_state(ground, tell_unknown=tell_unknown, **rest)
+        self._state: MapState = map_state(ground, tell_unknown=self._repeated, **rest)
         self._make()
 
     def _make(self) -> None:

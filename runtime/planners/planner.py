@@ -60,15 +60,6 @@ class Planner(OnMap):
     <Status.NO_PATH: 'NO_PATH'>
     """
 
-    def __init__(
-        self,
-        cost: Float2D | Ground,
-        *,
-        cell_size_m: float | None = None,
-        **options: Unpack[PlannerOptions],
-    ) -> None:
-        super().__init__(cost, cell_size_m, options)
-
     @classmethod
     def of_elevation(
         cls,
