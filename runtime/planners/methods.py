@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from nnpp_edge.runtime.arguments import checked
-from nnpp_edge.runtime.deadline import OutOfTimeError
+from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.map.state import MapState
@@ -22,7 +22,7 @@ from nnpp_edge.runtime.planners.searchers import (
     AStarSearcher,
     Searcher,
 )
-from nnpp_edge.runtime.search.astar import Query
+from nnpp_edge.runtime.search.astar import Query, Search
 from nnpp_edge.runtime.stopwatch import Work
 from nnpp_edge.runtime.tuning import (
     BRIEF_EXPANSIONS,
@@ -37,6 +37,7 @@ from nnpp_edge.runtime.tuning import (
 )
 
 if TYPE_CHECKING:
+    from nnpp_edge.runtime.map.pyramid import Level
     from nnpp_edge.runtime.network.inference import NetworkModel
     from nnpp_edge.runtime.planners.by_blocks import BlockWay
     from nnpp_edge.runtime.planners.coarse_to_fine import CoarseToFine
@@ -151,8 +152,7 @@ class Methods:
         """
         if self.state.grid.robot.moves.over not in METHODS["nnpp"].robots:
             return
-        level = self._network_level
-        self.regions.prepare(self.state.pyramid.levels[level], level)
+        self.regions.prepare(*self._network_level())
 
     def plan(
         self,
@@ -183,9 +183,10 @@ class Methods:
                     if (found := way.find(self, query, work)) is not None:
                         by, why, _ = way
                         break
-        except OutOfTimeError:
+        except OutOfTimeError:  # before a search of the map could begin
             why = ""
-            found = Found.too_late(Source.REGION if needs else Source.MAP)
+            nothing = Search.without_path(Status.TIMEOUT)
+            found = Found(nothing, Source.REGION if needs else Source.MAP)
         assert found is not None
         if query.direction >= 0 or query.wanted is not None:  # no steps are counted there
             found = found._replace(lower_bound=found.lower_bound - robot.at_ends(query))
@@ -321,8 +322,7 @@ class Methods:
         """
         if query.apart < self._ask_from and (near := self.search_briefly(query, work)) is not None:
             return near
-        top = self._network_level
-        level = self.descent.update(query.deadline)[top]
+        level, top = self._network_level(query.deadline)
         place = level, top, self.descent.workspace(top)
         td, at_td, regions = self.regions.regions(
             query.start, query.goal, *place, work, query.deadline
@@ -340,14 +340,13 @@ class Methods:
             found = self.search_map(query, work, Source.FALLBACK)
         return found._replace(threshold=td, network_region=at_td)
 
-    @property
-    def _network_level(self) -> int:
-        """Number of the level that the network's region is searched on first."""
-        if max(self.state.shape) < REFINE_FROM:
-            return 0
-        from nnpp_edge.runtime.map.pyramid import coarse_shapes
-
-        return len(coarse_shapes(*self.state.shape))
+    def _network_level(self, deadline: Deadline = NEVER) -> "tuple[Level, int]":
+        """The level that the network's region is searched on first, and its number; OutOfTimeError
+        at the deadline.
+        """
+        levels = self.descent.update(deadline)
+        number = 0 if max(self.state.shape) < REFINE_FROM else len(levels) - 1
+        return levels[number], number
 
 
 @cache

@@ -34,11 +34,11 @@ class Found(NamedTuple):
 
     search: Search
     source: Source
-    cost: float
-    length: float
-    traverse_cost: float
-    lower_bound: float
-    region: Region | None
+    cost: float = math.inf
+    length: float = math.inf
+    traverse_cost: float = math.inf
+    lower_bound: float = 0.0
+    region: Region | None = None
     """Where it was allowed to go; None for the whole map. Its bitmap is overwritten by later
     queries.
     """
@@ -68,12 +68,6 @@ class Found(NamedTuple):
         # the bound is below 0 where energy is got back
         above = query.epsilon if self.lower_bound >= 0.0 else -query.epsilon
         return self.cost <= (1.0 + above) * self.lower_bound
-
-    @classmethod
-    def too_late(cls, source: Source) -> "Found":
-        """Nothing: time was up before a search of the map could begin."""
-        nothing = Search.without_path(Status.TIMEOUT)
-        return cls(nothing, source, math.inf, math.inf, math.inf, 0.0, None)
 
     def plan(
         self,
