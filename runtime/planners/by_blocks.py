@@ -2,7 +2,7 @@
 been seen.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import cv2
@@ -16,7 +16,7 @@ from nnpp_edge.runtime.kernels.tiles import BLOCK_SEEN
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.layers import Costs
 from nnpp_edge.runtime.map.state import MapState
-from nnpp_edge.runtime.planners.methods import Methods
+from nnpp_edge.runtime.planners.query import Found
 from nnpp_edge.runtime.robots.robot import Price
 from nnpp_edge.runtime.search.astar import Query
 from nnpp_edge.runtime.search.region import Region
@@ -32,10 +32,15 @@ from nnpp_edge.runtime.tuning import (
 class BlockWay:
     """The way over the blocks of a coarse map. Serves one thread at a time.
 
-    Blocks cost by what is expected of them, and by what is known of their cells.
+    Blocks cost by what is expected of them, and by what is known of their cells. `find` plans on a
+    map of costs.
     """
 
-    def __init__(self, state: MapState) -> None:
+    def __init__(
+        self,
+        state: MapState,
+        find: Callable[[MapState], Callable[[Query, Work], Found]],
+    ) -> None:
         assert state.unseen is not None
         self._grid = state.grid
         self._unseen = state.unseen
@@ -44,7 +49,7 @@ class BlockWay:
         model = replace(model, scale=model.scale * PRICE_SCALE)
         ground = Ground(self._unseen.costs(everywhere) / PRICE_SCALE)
         self._map = MapState(ground, [Costs(ground.costs(), model, True, tells_unknown=False)])
-        self._find = Methods(self._map).corridor
+        self._find = find(self._map)
         rows, cols = (
             np.arange(side, dtype=np.int32) // self._unseen.factor for side in state.shape
         )

@@ -130,7 +130,7 @@ class Methods:
         """Searches of the blocks of a coarse map."""
         from nnpp_edge.runtime.planners.by_blocks import BlockWay
 
-        return BlockWay(self.state)
+        return BlockWay(self.state, lambda state: Methods(state).corridor)
 
     @cached_property
     def mending(self) -> "MendingSearcher":
