@@ -82,7 +82,7 @@ class Vehicle:
             self._check_metres(_LARGEST_M, "radius_m")
             kind = self.kind
             given = {each.name for each in fields(self) if getattr(self, each.name) != each.default}
-            if given != {kind.key}:
+            if given - {kind.key}:
                 raise InvalidMapError(
                     f"a vehicle with {kind.key} is a {kind.name}: wanted no other values beside "
                     f"{kind.key}"
