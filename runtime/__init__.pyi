@@ -25,7 +25,6 @@ from .planners.plan import Method as Method
 from .planners.plan import Plan as Plan
 from .planners.plan import Source as Source
 from .planners.planner import Planner as Planner
-from .planners.planner import plan_path as plan_path
 from .planners.standing_path import Standing as Standing
 from .robots.body.attitude import PoseCheck as PoseCheck
 from .robots.body.poses import pose_costs as pose_costs

@@ -16,7 +16,17 @@ from collections.abc import Callable, Iterable, Sequence
 from itertools import chain
 from numbers import Integral, Real
 from pathlib import Path
-from typing import TypeVar, Union, cast, get_args, get_origin, get_type_hints, is_typeddict
+from typing import (
+    Any,
+    NamedTuple,
+    TypeVar,
+    Union,
+    cast,
+    get_args,
+    get_origin,
+    get_type_hints,
+    is_typeddict,
+)
 
 import numpy as np
 
@@ -87,8 +97,8 @@ def _guarded(entry: Callable[..., object], error: type[NnppEdgeError]) -> Callab
             if name not in known and is_typeddict(entry):
                 raise TypeError(f"no option is named {name}: wanted one of {', '.join(known)}")
             hint, exact = known.get(name, (None, ()))
-            if hint is not None and type(value) not in exact and not _fits(value, hint):
-                raise error(f"{name} must be {_words(hint)}, got {shown(value)}")
+            if hint is not None and type(value) not in exact and not _kind(hint).fits(value):
+                raise error(f"{name} must be {_kind(hint).words}, got {shown(value)}")
         return entry(*args, **given)
 
     return call
@@ -110,52 +120,48 @@ class _Names(dict[str, object]):
         return _ByName(name, (), {})
 
 
-def _fits(value: object, hint: object) -> bool:
-    """Whether a value is of the kind that an annotation names; True where that is for others to
-    say.
-    """
+class _Kind(NamedTuple):
+    """A kind of value."""
+
+    words: str
+    """For people."""
+    fits: Callable[[Any], bool]
+    """Whether a value is of it."""
+
+
+@functools.cache
+def _kind(hint: object) -> _Kind:
+    """The kind that an annotation names; everything fits where that is for others to say."""
     if hint in _KINDS:
-        return _KINDS[hint][1](value)
+        return _KINDS[hint]
     origin = get_origin(hint)
     inner = get_args(hint)
-    if origin in _UNIONS:
-        return any(_fits(value, each) for each in inner)
-    if origin in _SEQUENCES:
-        if not isinstance(value, Sequence | np.ndarray | set | frozenset):
-            return False
-        return _length(hint) in (None, len(value)) and all(_fits(each, inner[0]) for each in value)
     if origin is Callable:
-        return callable(value)
+        return _Kind("callable", callable)
+    if origin in _UNIONS:
+        kinds = [_kind(each) for each in inner]
+        words = " or ".join(kind.words for kind in kinds)
+        return _Kind(words, lambda value: any(kind.fits(value) for kind in kinds))
+    if origin in _SEQUENCES:
+        return _sequence(_kind(inner[0]), len(inner) if origin is tuple and ... not in inner else 0)
+    name = getattr(origin or hint, "__name__", "")
+    words = f"{'an' if name[0] in 'AEIO' else 'a'} {name}"
     kind = dict if origin is dict else hint
     if not isinstance(kind, type) or issubclass(kind, np.ndarray):
-        return True
-    if getattr(kind, "_is_protocol", False):
-        methods = [name for name in vars(kind) if name[0] != "_" and callable(getattr(kind, name))]
-        return all(hasattr(value, name) for name in methods)
-    return isinstance(value, kind)
+        return _Kind(words, lambda value: True)
+    return _Kind(words, lambda value: isinstance(value, kind))
 
 
-def _words(hint: object) -> str:
-    """The kind, for people."""
-    if hint in _KINDS:
-        return _KINDS[hint][0]
-    origin = get_origin(hint)
-    inner = get_args(hint)
-    if origin in _UNIONS:
-        return " or ".join(map(_words, inner))
-    if origin in _SEQUENCES:
-        words = "a sequence" if (length := _length(hint)) is None else f"{length} values"
-        return f"{words}, each {each}" if (each := _words(inner[0])) else words
-    if origin is Callable:
-        return "callable"
-    name = getattr(origin or hint, "__name__", "")
-    return f"{'an' if name[0] in 'AEIO' else 'a'} {name}"
+def _sequence(each: _Kind, length: int) -> _Kind:
+    """A sequence of one kind; of so many, or any number for 0."""
+    words = f"{length} values" if length else "a sequence"
 
+    def fits(value: object) -> bool:
+        if not isinstance(value, Sequence | np.ndarray | set | frozenset):
+            return False
+        return length in (0, len(value)) and all(map(each.fits, value))
 
-def _length(hint: object) -> int | None:
-    """Of a tuple of so many; None of other sequences."""
-    inner = get_args(hint)
-    return len(inner) if get_origin(hint) is tuple and inner[-1] is not ... else None
+    return _Kind(f"{words}, each {each.words}" if each.words else words, fits)
 
 
 def _is_whole(value: object) -> bool:
@@ -163,12 +169,12 @@ def _is_whole(value: object) -> bool:
     return whole and -_LARGEST <= int(value) < _LARGEST  # type: ignore[call-overload]
 
 
-_KINDS: dict[object, tuple[str, Callable[[object], bool]]] = {
-    int: ("a whole number", _is_whole),
-    float: ("a number", is_real),
-    bool: ("True or False", lambda value: isinstance(value, bool | np.bool_)),
-    str: ("text", lambda value: isinstance(value, str)),
-    Path: ("a path", lambda value: isinstance(value, Path)),
-    type(None): ("None", lambda value: value is None),
-    tuple[int, int]: ("", lambda value: True),
+_KINDS: dict[object, _Kind] = {
+    int: _Kind("a whole number", _is_whole),
+    float: _Kind("a number", is_real),
+    bool: _Kind("True or False", lambda value: isinstance(value, bool | np.bool_)),
+    str: _Kind("text", lambda value: isinstance(value, str)),
+    Path: _Kind("a path", lambda value: isinstance(value, Path)),
+    type(None): _Kind("None", lambda value: value is None),
+    tuple[int, int]: _Kind("", lambda value: True),
 }

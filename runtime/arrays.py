@@ -98,3 +98,19 @@ def headings_along(path: NDArray[np.int32] | NDArray[np.float64]) -> NDArray[np.
     rows, cols = np.diff(path, axis=0).T
     headings: NDArray[np.float64] = np.degrees(np.arctan2(cols, -rows)) % 360.0
     return np.append(headings, headings[-1])
+
+
+def curvatures(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N,) one over the radius of the widest arc that fits into the turn of a line at each of its
+    points (N, 2), in their unit; 0 at the ends.
+
+    The arc touches both legs, each within the half of it that lies next to the point.
+    """
+    across_and_down = np.array((1.0, 1.0j))
+    legs = np.diff(points @ across_and_down)
+    turns = np.abs(np.angle(legs[1:] * legs[:-1].conj()))
+    lengths = np.abs(legs)
+    shorter = np.minimum(lengths[:-1], lengths[1:])
+    found = np.zeros(len(points))
+    found[1:-1] = 2.0 * np.tan(0.5 * turns) / np.maximum(shorter, 1e-12)
+    return found

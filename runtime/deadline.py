@@ -49,11 +49,6 @@ class Deadline:
         if self.passed:
             raise OutOfTimeError
 
-    def share(self, of_it: float) -> "Deadline":
-        """The time at which such a share of what is left will have passed."""
-        left = self.left_s
-        return self if left == math.inf else Deadline(self.at - (1.0 - of_it) * left)
-
 
 NEVER = Deadline()
 """Without a limit."""

@@ -16,7 +16,6 @@ from nnpp_edge.runtime.planners.coarse_to_fine import CoarseLevel
 from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
 from nnpp_edge.runtime.planners.plan import DynamicMethod
 from nnpp_edge.runtime.planners.planner import Planner
-from nnpp_edge.runtime.planners.refine import Refiner
 from nnpp_edge.runtime.region.learned import RegionFinder
 from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
@@ -90,10 +89,9 @@ def _exercise_costs(network: NetworkModel) -> None:
     start = (1, 2)
     goal = (198, 125)
     planner = Planner(cost, model=network)
-    planner.prepare(landmarks=1, goals=[goal])
+    planner.prepare(landmarks=1)
     for method in STILL:
         planner.plan(start, goal, method=method, refine="any-angle")
-    Refiner(planner.state).cost(np.array((start, goal), np.float64))
     moving = DynamicPlanner(cost, goal, model=network)
     moving.prepare()
     for at, method in enumerate(DynamicMethod):

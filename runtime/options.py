@@ -30,33 +30,23 @@ class Entry(NamedTuple):
     name: str
     help: str
     find: str
-    """Name of a method of `planners.methods.Methods`, of (query, work); or ``module:function`` of
-    (methods, query, work), imported when first asked for. A `Found`, or None where the next way is
-    to be tried; of a method that `chooses` a list of `Way`s, of (query).
+    """Name of a method of `planners.methods.Methods`, of (query, work); empty of one that `chooses`
+    among the others.
     """
     needs: frozenset[str] = frozenset()
     """Of ``levels`` and ``network``."""
-    bound: float | None = None
-    """No path of it costs more than so many times the optimum: 1 is exact; None is not known."""
+    exact: bool = False
+    """Whether its paths are optimal."""
     robots: frozenset[str] = frozenset((CELLS, STATES))
     """For which robots it is."""
-    instead: tuple[str, str] | None = None
-    """The method that plans for other robots, and why, which their plans tell; else they are
-    refused."""
+    instead: tuple[str, str] = ("", "")
+    """The method that plans for other robots, and why, which their plans tell."""
     keeps: str = ""
     """Of one that is kept from query to query, on a map that changes: that whose steps it makes."""
     chooses: bool = False
     """Whether it is one of the others, by figures."""
     in_slices: bool = False
     """Whether the loop may let it go on from tick to tick."""
-
-    def refusal(self, over: str) -> str:
-        """Why it does not plan for a robot whose search goes over cells or states; else empty."""
-        if over in self.robots or self.instead is not None:
-            return ""
-        others = ", ".join(each.name for each in METHODS.values() if over in each.robots)
-        kind = "a body" if over == STATES else "a point or a disc"
-        return f"method {self.name!r} does not plan for {kind}: wanted one of {others}"
 
 
 _LEVELS = frozenset(("levels",))
@@ -70,12 +60,12 @@ METHODS = {
         Entry(
             "auto",
             "picks one by measured figures, and says why",
-            "choose",
+            "",
             _LEVELS,
             chooses=True,
             in_slices=True,
         ),
-        Entry("astar", "exact, over the whole map", "search_map", bound=1.0),
+        Entry("astar", "exact, over the whole map", "search_map", exact=True),
         Entry(
             "corridor",
             "coarse to fine, without learning",
@@ -95,7 +85,7 @@ METHODS = {
             "dstar",
             "D* Lite over the whole map: exact, repaired from step to step",
             "mend_map",
-            bound=1.0,
+            exact=True,
             robots=_CELLS,
             instead=("astar", _NO_REPAIRS),
             keeps="astar",
@@ -171,15 +161,13 @@ class Kind(NamedTuple):
     """The value of `Vehicle` without which it is none."""
     robot: str
     """``module:function`` of (state, vehicle, sides_m): its `Robot` on a `MapState` being made."""
-    values: tuple[str, ...] = ()
-    """What else it may have; empty for everything."""
     by_heights: bool = True
-    """Whether it stands by heights, not by costs alone."""
+    """Whether it stands by heights, not by costs alone; else it has no other values."""
 
 
 _ROBOTS = "nnpp_edge.runtime.robots."
 KINDS = (
-    Kind("disc", "radius_m", f"{_ROBOTS}disc:disc_on", ("turning_radius_m",), by_heights=False),
+    Kind("disc", "radius_m", f"{_ROBOTS}disc:disc_on", by_heights=False),
     Kind("body", "length_m", f"{_ROBOTS}body.robot:body_on"),
 )
 """A vehicle is of the first kind whose key it has."""
@@ -241,7 +229,7 @@ class PlannerOptions(GroundOptions, StepOptions, total=False):
 
 
 class PlanOptions(TypedDict, total=False):
-    """How a query is to be answered: the options of `Planner.plan`, `plan_via` and `nearest`."""
+    """How a query is to be answered: the options of `Planner.plan` and `plan_via`."""
 
     method: Annotated[
         str,
@@ -305,6 +293,3 @@ class PlanOptions(TypedDict, total=False):
         Meta(ge=0.0, description="Greatest deviation from the heading at the goal; 0 by default."),
     ]
     """A body arrives in a direction so near to the heading, or in the nearest."""
-    turning_radius_m: float | None
-    """With `refine`: no turn at a way point is to be sharper; by default the vehicle's. Where no
-    such line is found, the answer is NO_PATH, and the reason says so."""

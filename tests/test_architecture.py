@@ -40,8 +40,8 @@ KIND = re.compile(r"\.(is|by)_(a_)?(point|disc|foot|body|slope)\b")
 MOST_PARAMETERS = 10
 MORE_PARAMETERS: dict[str, float] = {}
 """Kernels with more parameters: the microseconds that a call would have cost with them bundled."""
-PUBLIC_WITH_UNDERSCORE = {"_replace", "_asdict", "_fields", "_make", "_exit", "_repr_html_"}
-"""Of NamedTuples, os._exit, and what notebooks call."""
+PUBLIC_WITH_UNDERSCORE = {"_replace", "_asdict", "_fields", "_make", "_exit"}
+"""Of NamedTuples, and os._exit."""
 
 
 def name_of(path):

@@ -74,8 +74,9 @@ def heavy_modules(code, names):
 def test_the_runtime_imports_neither_torch_nor_onnx():
     code = (
         "import numpy as np\n"
-        "from nnpp_edge.runtime import NetworkModel, Planner, plan_path, traversability_cost\n"
-        "assert plan_path(np.zeros((70, 70), np.float32), (0, 0), (69, 69), method='corridor').ok\n"
+        "from nnpp_edge.runtime import NetworkModel, Planner, traversability_cost\n"
+        "planner = Planner(np.zeros((70, 70), np.float32))\n"
+        "assert planner.plan((0, 0), (69, 69), method='corridor').ok\n"
         "NetworkModel('edge')"
     )
     assert heavy_modules(code, TRAINING) == []

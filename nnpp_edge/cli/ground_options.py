@@ -142,14 +142,6 @@ class VehicleOptions:
         vehicle = self.body()
         return vehicle and vehicle.as_body
 
-    def check_turns(self, refine: str | None) -> None:
-        """Refuse a turning radius that was set for a disc whose paths stay on the grid."""
-        wanted = any("turning_radius_m" in setting.values for setting in self.settings)
-        if wanted and not refine and self.posed is None:
-            raise click.UsageError(
-                "turning_radius_m needs --refine any-angle: paths on the grid turn in a cell"
-            )
-
     def mobility(self, place: "Place | None" = None) -> "Mobility":
         """How the vehicle gets up and down.
 

@@ -66,7 +66,6 @@ def command(
     \b
     nnpp-edge plan dem.tif --start 20,30 --goal 380,360 --workload limit20 -o plan
     """
-    robot.check_turns(query.get("refine"))
     robot.limits()  # those that make no sense are refused before any work
     paths, older = chosen(output, _FILES, PLAN_FORMATS, request.formats, request.files)
 

@@ -266,8 +266,8 @@ def _plans(
     if via:
         tour = planner.plan_via(start, goals[0], via, best_order=request.best_order, **wanted)
         return tour, [(goals[0], tour.plan)]
-    found = planner.nearest(start, goals, count=len(goals), **wanted)
-    return None, [(goals[at], plan) for at, plan in found]
+    plans = [(goal, planner.plan(start, goal, **wanted)) for goal in goals]
+    return None, sorted(plans, key=lambda each: (not each[1].ok, each[1].cost))
 
 
 def _on_the_ground(plan: Plan, ground: Ground) -> Plan:

@@ -96,7 +96,6 @@ def command(
     for setting in loop:
         settings = changed(settings, **setting.values)
     settings = changed(settings, rate_hz=rate, method=method, model=model, **steps)
-    robot.check_turns(settings.refine)
     options.check_outputs(  # --record never replaces a file
         *(("--log", wiring.log), ("--view", options.view_file(wiring.view))),
         more_inputs=[model_path(settings.model)],

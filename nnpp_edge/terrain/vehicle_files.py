@@ -86,7 +86,7 @@ def vehicle_of(values: Mapping[str, object], source: str) -> Vehicle:
     if "mobility" in values:
         mobility_of(values.pop("mobility"), source)
     _refuse_unknown(values, Vehicle.__annotations__, source)
-    on_cells = any(kind.key in values for kind in KINDS if kind.values)
+    on_cells = any(kind.key in values for kind in KINDS if not kind.by_heights)
     for name in () if on_cells else ("length_m", "width_m", "clearance_m"):
         if name not in values:
             raise VehicleError(f"{source}: {name} is missing")

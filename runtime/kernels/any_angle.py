@@ -17,7 +17,7 @@ import math
 import numpy as np
 from numpy import float64, inf, int64, uint64
 
-from nnpp_edge.runtime.compiled.kernel import helper, inlined, kernel
+from nnpp_edge.runtime.compiled.kernel import helper, inlined
 from nnpp_edge.runtime.kernels.by_address import borrowed
 from nnpp_edge.runtime.kernels.nodes import COL, ROW
 from nnpp_edge.runtime.kernels.records import Grid, Ground, Leg, Room, StepTerms
@@ -316,12 +316,6 @@ def cost_along(ground, points):
             return inf
         total += leg_cost(ground, leg)
     return total
-
-
-@kernel
-def line_cost(grid, room, points):
-    """The line integral along way points, (N, 2) float64; inf if a leg is not clear."""
-    return cost_along(ground_of(grid, room), points)
 
 
 @helper

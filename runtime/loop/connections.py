@@ -18,6 +18,7 @@ from nnpp_edge.runtime.loop.messages import (
 from nnpp_edge.runtime.loop.workers import BoundedQueue, WhenFull
 
 
+@runtime_checkable
 class InputSource(Protocol):
     """Source of inputs."""
 

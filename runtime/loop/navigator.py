@@ -377,8 +377,6 @@ class Navigator:
         """The plan's path as a message; None if it does not hold on the newest map."""
         if origin is Origin.STANDING:
             plan = self.planner.refined(plan)
-            if not plan.ok:
-                return None
         path = plan.path
         version = self._update_map()
         is_newer = version != tick.map_version

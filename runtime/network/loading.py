@@ -2,7 +2,7 @@
 share it.
 
 A session that no network uses any more is kept while it is one of the `KEPT` that were asked for
-last: calls of `plan_path`, one after another, then load a file once, and a process that opens many
+last: planners that are made one after another then load a file once, and a process that opens many
 files does not grow.
 """
 

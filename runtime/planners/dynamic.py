@@ -22,12 +22,7 @@ from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.options import PlannerOptions
 from nnpp_edge.runtime.planners.joining import ON_IT, Joiner, nearest_on
-from nnpp_edge.runtime.planners.methods import file_of
-from nnpp_edge.runtime.planners.on_map import (
-    OnMap,
-    one_at_a_time,
-    split,
-)
+from nnpp_edge.runtime.planners.on_map import OnMap, coarse_ground, one_at_a_time, split
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Plan, Source
 from nnpp_edge.runtime.planners.query import Found, problem_with
 from nnpp_edge.runtime.planners.searching import Options, Searching, find
@@ -91,7 +86,7 @@ class DynamicPlanner(OnMap):
     ) -> None:
         self.method = DynamicMethod(method)
         self._standing: Plan | None = None
-        super().__init__(cost, cell_size_m, options, tell_unknown=True)
+        super().__init__(cost, cell_size_m=cell_size_m, **options)
         self._refines = self._frees(refine)
         self.set_goal(goal)
 
@@ -123,9 +118,7 @@ class DynamicPlanner(OnMap):
         **options: Unpack[PlannerOptions],
     ) -> "DynamicPlanner":
         """A planner of ground that is known coarsely, as `Planner.of_coarse`."""
-        own, rest = split(options)
-        model = file_of(rest.pop("model", "unseen"))
-        ground = Ground.of_coarse(dem, cell_size_m, factor, traversability, model=model, **own)
+        ground, rest = coarse_ground(dem, cell_size_m, factor, traversability, options)
         return cls(ground, goal, **rest)
 
     _repeated = True
@@ -344,7 +337,6 @@ class DynamicPlanner(OnMap):
         *,
         method: str | None = None,
         time_limit_s: float = math.inf,
-        keep_regions: bool = False,
         goes_on: bool = False,
         approach: bool = False,
     ) -> Plan:
@@ -352,8 +344,8 @@ class DynamicPlanner(OnMap):
 
         The path of a plan that is OK leads over passable cells of the newest map. Regions that fail
         are widened, then the whole map is searched: NO_PATH means that there is none. `method`
-        stands in for the planner's own, for which alone `prepare` does all there is to do; time and
-        regions as in `PlanOptions`.
+        stands in for the planner's own, for which alone `prepare` does all there is to do; the time
+        as in `PlanOptions`.
 
         With `goes_on` a search that has no time left is kept, and goes on with `go_on` and the next
         call by the same method, however the map and the ends have changed: TIMEOUT until its path,
@@ -372,7 +364,7 @@ class DynamicPlanner(OnMap):
             The network is needed and cannot be loaded.
         """
         wanted = self.method if method is None else DynamicMethod(method)
-        options = Options(wanted, keep_regions, approach)
+        options = Options(wanted, approach)
         place = self._place(Deadline.within(time_limit_s))
         plan = None
         if wanted is DynamicMethod.AUTO and not self.search_due:
@@ -386,7 +378,7 @@ class DynamicPlanner(OnMap):
                 self._path.set(plan)
                 self._aim = (self.goal, self.goal_heading_deg)
                 self._looks_ahead = True
-        return self._freed(plan, deadline=place.deadline) if self._refines else plan
+        return self._freed(plan, place.deadline) if self._refines else plan
 
     def _searched_for(self, place: Query, options: Options, *, goes_on: bool) -> Plan:
         """A plan by a search; by one that `goes_on` from call to call TIMEOUT while it does."""

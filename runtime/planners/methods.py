@@ -5,13 +5,12 @@ from contextlib import nullcontext
 from dataclasses import replace
 from functools import cache, cached_property, partial
 from pathlib import Path
-from pkgutil import resolve_name
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from nnpp_edge.runtime.arguments import checked
-from nnpp_edge.runtime.deadline import OutOfTimeError
+from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.map.state import MapState
@@ -23,7 +22,7 @@ from nnpp_edge.runtime.planners.searchers import (
     AStarSearcher,
     Searcher,
 )
-from nnpp_edge.runtime.search.astar import Query
+from nnpp_edge.runtime.search.astar import Query, Search
 from nnpp_edge.runtime.stopwatch import Work
 from nnpp_edge.runtime.tuning import (
     BRIEF_EXPANSIONS,
@@ -38,6 +37,7 @@ from nnpp_edge.runtime.tuning import (
 )
 
 if TYPE_CHECKING:
+    from nnpp_edge.runtime.map.pyramid import Level
     from nnpp_edge.runtime.network.inference import NetworkModel
     from nnpp_edge.runtime.planners.by_blocks import BlockWay
     from nnpp_edge.runtime.planners.coarse_to_fine import CoarseToFine
@@ -146,27 +146,13 @@ class Methods:
 
         return MendingSearcher(self.state, self.astar)
 
-    def use_model(self, model: "str | Path | NetworkModel") -> "NetworkModel":
-        """Use this network from now on, once it has been loaded and tried; ModelError, and the old
-        one stays.
-        """
-        if isinstance(model, str | Path):
-            from nnpp_edge.runtime.network.inference import NetworkModel
-
-            model = NetworkModel(model)
-            model.try_out()
-        self._model = model
-        self.regions.use_model(model)
-        return model
-
     def load_network(self) -> None:
         """Load the network now, and show it the map; ModelError if it cannot be loaded. For a robot
         for which none is used nothing is done.
         """
         if self.state.grid.robot.moves.over not in METHODS["nnpp"].robots:
             return
-        level = self._network_level
-        self.regions.prepare(self.state.pyramid.levels[level], level)
+        self.regions.prepare(*self._network_level())
 
     def plan(
         self,
@@ -179,8 +165,7 @@ class Methods:
         """The plan of a query, by the first way of a method that finds an answer, as the last one
         does.
 
-        It is of the first where an end cannot be stood on, or time is up. InvalidQueryError where
-        the method does not serve this robot.
+        It is of the first where an end cannot be stood on, or time is up.
         """
         state = self.state
         robot = state.grid.robot
@@ -198,15 +183,13 @@ class Methods:
                     if (found := way.find(self, query, work)) is not None:
                         by, why, _ = way
                         break
-        except OutOfTimeError:
+        except OutOfTimeError:  # before a search of the map could begin
             why = ""
-            found = Found.too_late(Source.REGION if needs else Source.MAP)
+            nothing = Search.without_path(Status.TIMEOUT)
+            found = Found(nothing, Source.REGION if needs else Source.MAP)
         assert found is not None
         if query.direction >= 0 or query.wanted is not None:  # no steps are counted there
             found = found._replace(lower_bound=found.lower_bound - robot.at_ends(query))
-        within = METHODS[by].bound or 1.0
-        if within > 1.0 and found.search.status is Status.OK:
-            found = found._replace(lower_bound=max(found.cost / within, 0.0))
         plan = found.plan(by, work, state, checked_before, choice=why, keep_regions=keep_regions)
         if plan.status is not Status.NO_PATH:
             return plan
@@ -217,12 +200,13 @@ class Methods:
         return replace(plan, reason=f"{plan.reason}; {ended}") if ended else plan
 
     def ways(self, method: str, query: Query) -> Sequence[Way]:
-        """How a path is found by a method, and why that one; InvalidQueryError where it does not
-        serve this robot.
-        """
-        if METHODS[method].chooses:
-            return _finder(method)(self, query)  # type: ignore[return-value]
-        return [_way_of(method, self.state.grid.robot.moves.over)]
+        """How a path is found by a method, and why that one."""
+        entry = METHODS[method]
+        if entry.chooses:
+            return self.choose(query)
+        if self.state.grid.robot.moves.over in entry.robots:
+            return [_way(method)]
+        return [_way(*entry.instead)._replace(by=DynamicMethod(method))]
 
     def choose(self, query: Query) -> Sequence[Way]:
         """How ``auto`` finds a path: by what figures say of the map, the robot and the distance."""
@@ -237,7 +221,7 @@ class Methods:
             near = Way(DynamicMethod.ASTAR, why, Methods.search_briefly)
             return [near, _way("corridor", long)]
         if picked == "nnpp":
-            alone = partial(_finder("nnpp"), alone=True)
+            alone = partial(Methods.network_region, alone=True)
             return [Way(DynamicMethod.NNPP, why, alone), _way("corridor", _NONE_SUFFICES)]
         return [_way(picked, why)]
 
@@ -338,8 +322,7 @@ class Methods:
         """
         if query.apart < self._ask_from and (near := self.search_briefly(query, work)) is not None:
             return near
-        top = self._network_level
-        level = self.descent.update(query.deadline)[top]
+        level, top = self._network_level(query.deadline)
         place = level, top, self.descent.workspace(top)
         td, at_td, regions = self.regions.regions(
             query.start, query.goal, *place, work, query.deadline
@@ -357,37 +340,16 @@ class Methods:
             found = self.search_map(query, work, Source.FALLBACK)
         return found._replace(threshold=td, network_region=at_td)
 
-    @property
-    def _network_level(self) -> int:
-        """Number of the level that the network's region is searched on first."""
-        if max(self.state.shape) < REFINE_FROM:
-            return 0
-        from nnpp_edge.runtime.map.pyramid import coarse_shapes
-
-        return len(coarse_shapes(*self.state.shape))
+    def _network_level(self, deadline: Deadline = NEVER) -> "tuple[Level, int]":
+        """The level that the network's region is searched on first, and its number; OutOfTimeError
+        at the deadline.
+        """
+        levels = self.descent.update(deadline)
+        number = 0 if max(self.state.shape) < REFINE_FROM else len(levels) - 1
+        return levels[number], number
 
 
 @cache
-def _finder(method: str) -> Callable[..., Found | None]:
-    """What finds by a method, of (methods, query, work)."""
-    find = METHODS[method].find
-    return resolve_name(find) if ":" in find else getattr(Methods, find)  # type: ignore[no-any-return]
-
-
 def _way(method: str, why: str = "") -> Way:
     """How a path is found by a method that chooses among no others."""
-    return Way(DynamicMethod(method), why, _finder(method))
-
-
-@cache
-def _way_of(method: str, over: str) -> Way:
-    """As `_way`, for a robot whose search goes over cells or states; InvalidQueryError where it
-    does not serve that.
-    """
-    entry = METHODS[method]
-    if refusal := entry.refusal(over):
-        raise InvalidQueryError(refusal)
-    if over not in entry.robots and entry.instead is not None:
-        other, why = entry.instead
-        return _way(other, why)._replace(by=DynamicMethod(method))
-    return _way(method)
+    return Way(DynamicMethod(method), why, getattr(Methods, METHODS[method].find))

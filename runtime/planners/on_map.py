@@ -5,9 +5,8 @@ thread's turn.
 import functools
 import math
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from threading import RLock
-from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar, Unpack
 
 import numpy as np
 
@@ -26,15 +25,15 @@ from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.state import MapState, map_state
 from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.options import PlannerOptions
-from nnpp_edge.runtime.planners.methods import Methods
+from nnpp_edge.runtime.planners.methods import Methods, file_of
 from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.runtime.planners.query import in_words, problem_with
 from nnpp_edge.runtime.search.astar import cost_field
 from nnpp_edge.runtime.tuning import NEAR
 
 if TYPE_CHECKING:
-    from nnpp_edge.runtime.network.inference import NetworkModel
     from nnpp_edge.runtime.robots.body.attitude import PoseCheck
+    from nnpp_edge.runtime.terrain.traversability import Traversability
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -86,15 +85,14 @@ class OnMap:
     """
 
     _repeated = False
-    """Whether queries lead to one goal, again and again."""
+    """Whether queries lead to one goal, again and again, and it is kept which cells are unknown."""
 
     def __init__(
         self,
         cost: Float2D | Ground,
-        cell_size_m: float | None,
-        options: PlannerOptions,
         *,
-        tell_unknown: bool = False,
+        cell_size_m: float | None = None,
+        **options: Unpack[PlannerOptions],
     ) -> None:
         own, rest = split(options)
         if isinstance(cost, Ground) and (own or cell_size_m is not None):
@@ -106,7 +104,7 @@ class OnMap:
         self._half_done = False
         self._model = rest.pop("model", "edge")
         self._ask_from = rest.pop("ask_from", NEAR)
-        self._state: MapState = map_state(ground, tell_unknown=tell_unknown, **rest)
+        self._state: MapState = map_state(ground, tell_unknown=self._repeated, **rest)
         self._make()
 
     def _make(self) -> None:
@@ -215,14 +213,6 @@ class OnMap:
     def _changed(self) -> None:
         """The map has just changed."""
 
-    @checked(InvalidQueryError)
-    @one_at_a_time
-    def use_model(self, model: "str | Path | NetworkModel") -> None:
-        """Use this network from now on, loaded and tried now; ModelError where that fails: the old
-        one stays.
-        """
-        self._model = self._methods.use_model(model)
-
     @one_at_a_time
     def touch(self) -> None:
         """Have the system back the planner's arrays with memory now, rather than when they are
@@ -240,11 +230,11 @@ class OnMap:
 
         return refines(refine, self._state.grid)
 
-    def _freed(self, plan: Plan, radius_m: float | None = None, deadline: Deadline = NEVER) -> Plan:
+    def _freed(self, plan: Plan, deadline: Deadline = NEVER) -> Plan:
         """The plan, freed from the grid."""
-        from nnpp_edge.runtime.planners.refine import Refiner
+        from nnpp_edge.runtime.planners.refine import refined
 
-        return Refiner(self._state).refined(plan, radius_m, deadline)
+        return refined(plan, self._state, deadline)
 
     def _reach(self, start: Cell, within: float = math.inf) -> Float2D:
         """As `Planner.reach`."""
@@ -259,13 +249,25 @@ class OnMap:
         return field
 
 
-def split(
-    options: Mapping[str, object], kind: type = Ground
-) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The options that are attributes of a class, or keys of a record, and the others."""
-    own = {name: value for name, value in options.items() if name in kind.__annotations__}
+def split(options: Mapping[str, object]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The options that are attributes of `Ground`, and the others."""
+    own = {name: value for name, value in options.items() if name in Ground.__annotations__}
     rest = {name: value for name, value in options.items() if name not in own}
     return own, rest
+
+
+def coarse_ground(
+    dem: Float2D,
+    cell_size_m: float,
+    factor: int,
+    traversability: "Traversability | None",
+    options: PlannerOptions,
+) -> tuple[Ground, dict[str, Any]]:
+    """The ground of `Planner.of_coarse`, and the options that are left for the planner."""
+    own, rest = split(options)
+    model = file_of(rest.pop("model", "unseen"))
+    ground = Ground.of_coarse(dem, cell_size_m, factor, traversability, model=model, **own)
+    return ground, rest
 
 
 def _mask(seen: Bool | None, patch: Float2D) -> Bool | None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
-from nnpp_edge.runtime.arrays import Cells, Floats, Int32, headings_along
+from nnpp_edge.runtime.arrays import Cells, Floats, Int32, curvatures, headings_along
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.options import METHODS, STILL, Entry
 from nnpp_edge.runtime.search.region import Region
@@ -196,12 +196,10 @@ class Plan:
     @property
     def curvatures(self) -> Floats:
         """(N,) of the line at each way point, one over a radius in metres, or cells without
-        heights: `planners.turns`.
+        heights: `arrays.curvatures`.
         """
         if self.waypoints is None:
             return np.empty(0)
-        from nnpp_edge.runtime.planners.turns import curvatures
-
         sides_m = (1.0, 1.0) if self.along is None else self.along.sides_m
         return curvatures(self.waypoints * sides_m)
 
@@ -320,15 +318,6 @@ class Plan:
 
     def __str__(self) -> str:
         """Its figures, a line each."""
-        return "\n".join(f"{name:<15}{value}" for name, value in self._rows().items())
-
-    def _repr_html_(self) -> str:
-        """Its figures and, with matplotlib, a picture of the path, for notebooks."""
-        from nnpp_edge.runtime.planners.plan_shown import html_of
-
-        return html_of(self._rows(), self.line, self.region)
-
-    def _rows(self) -> dict[str, object]:
         rows: dict[str, object] = {"status": self.status, "method": self.planner or self.method}
         rows |= {
             name: value for name in ("source", "choice", "reason") if (value := getattr(self, name))
@@ -344,7 +333,7 @@ class Plan:
         rows["expansions"] = self.expansions
         if "total" in self.timings_ms:
             rows["time"] = f"{self.timings_ms['total']:.3g} ms"
-        return rows
+        return "\n".join(f"{name:<15}{value}" for name, value in rows.items())
 
 
 def _finite(number: float) -> float | None:

@@ -1,50 +1,19 @@
-"""A plan as notebooks show it: a table in HTML and, with matplotlib, a picture."""
+"""A picture of a plan, with matplotlib."""
 
-from collections.abc import Mapping
-from html import escape
-from io import StringIO
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from nnpp_edge.runtime.errors import MissingExtraError, optional_module
+from nnpp_edge.runtime.errors import optional_module
 from nnpp_edge.runtime.map.along import Line
 from nnpp_edge.runtime.search.region import Region
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_SIDE = 2.4
-"""Inches of the small picture."""
 _PATH = "#d55e00"
 _RIM = "#1e1e1e"
 _ENDS = ((0, "s", 6, "#f0e442", "start"), (-1, "*", 12, "#cc79a7", "end"))
-_ROW = (
-    "<tr><th style='text-align:left;font-weight:normal'>{}</th><td "
-    "style='text-align:right'>{}</td></tr>"
-)
-
-
-def html_of(rows: Mapping[str, object], line: Line, region: Region | None) -> str:
-    """A table and, where there is matplotlib, a picture of a line (N, 2) over the region where it
-    was found.
-    """
-    table = "".join(_ROW.format(escape(name), escape(str(rows[name]))) for name in rows)
-    picture = StringIO()
-    try:
-        if len(line) > 1:
-            figure = optional_module("matplotlib.figure", "a picture", "viz").Figure(
-                (_SIDE, _SIDE), layout="constrained"
-            )
-            draw(line, region, "", figure.subplots())
-            figure.savefig(picture, format="svg")
-    except MissingExtraError:
-        pass
-    svg = picture.getvalue()
-    return (
-        "<div style='display:flex;align-items:center;gap:1.5em'>"
-        f"{svg[max(svg.find('<svg'), 0) :]}<table>{table}</table></div>"
-    )
 
 
 def draw(

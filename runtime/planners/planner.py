@@ -13,12 +13,7 @@ from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.options import PlannerOptions, PlanOptions
-from nnpp_edge.runtime.planners.methods import file_of
-from nnpp_edge.runtime.planners.on_map import (
-    OnMap,
-    one_at_a_time,
-    split,
-)
+from nnpp_edge.runtime.planners.on_map import OnMap, coarse_ground, one_at_a_time, split
 from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.planners.query import options_of
 from nnpp_edge.runtime.search.astar import Query, costs_to_nearest
@@ -64,15 +59,6 @@ class Planner(OnMap):
     >>> planner.plan((2, 3), (15, 27), method="astar").status
     <Status.NO_PATH: 'NO_PATH'>
     """
-
-    def __init__(
-        self,
-        cost: Float2D | Ground,
-        *,
-        cell_size_m: float | None = None,
-        **options: Unpack[PlannerOptions],
-    ) -> None:
-        super().__init__(cost, cell_size_m, options)
 
     @classmethod
     def of_elevation(
@@ -120,25 +106,21 @@ class Planner(OnMap):
             As for `of_elevation`, as errors are, and `prior`, see `Ground`; its network is the
             option `model`.
         """
-        own, rest = split(options)
-        model = file_of(rest.pop("model", "unseen"))
-        ground = Ground.of_coarse(dem, cell_size_m, factor, traversability, model=model, **own)
+        ground, rest = coarse_ground(dem, cell_size_m, factor, traversability, options)
         return cls(ground, **rest)
 
     @checked(InvalidQueryError)
     @one_at_a_time
-    def prepare(self, *, landmarks: int = 0, goals: Sequence[Cell] = ()) -> None:
+    def prepare(self, *, landmarks: int = 0) -> None:
         """Compute costs once for this map, so that ``astar`` expands a fraction of the cells, for
         the same optimum.
 
-        `landmarks` are cells spread over the map, for queries between any two places; 8 serve well.
-        `goals` are passable cells, for queries to (or from) them: the search then goes straight
-        along the path. Worth it for many queries on a map that stays, or whose cells only become
-        dearer: a patch that makes a cell cheaper undoes it. Each takes one search of the whole map,
-        several times an A*'s work, and 4 bytes a cell. InvalidQueryError for more than 8 in all,
-        steps that cost by their slope, or a goal that is outside the map or impassable.
+        `landmarks` are cells spread over the map; 8, the most, serve well. Worth it for many
+        queries on a map that stays, or whose cells only become dearer: a patch that makes a cell
+        cheaper undoes it. Each takes one search of the whole map, several times an A*'s work, and 4
+        bytes a cell. InvalidQueryError for more than 8, or steps that cost by their slope.
         """
-        self._methods.astar.prepare(landmarks, [as_cell(goal, "goal") for goal in goals])
+        self._methods.astar.prepare(landmarks)
 
     @one_at_a_time
     def plan(self, start: Cell, goal: Cell, **options: Unpack[PlanOptions]) -> Plan:
@@ -155,36 +137,11 @@ class Planner(OnMap):
             ``nnpp`` was asked for and the model cannot be loaded.
         """
         work = Work()  # the looks at the arguments count
-        return self._planned(start, goal, options_of(**options), work)
-
-    @checked(InvalidQueryError)
-    @one_at_a_time
-    def nearest(
-        self, start: Cell, goals: Sequence[Cell], *, count: int = 1, **options: Unpack[PlanOptions]
-    ) -> list[tuple[int, Plan]]:
-        """Paths to the `count` goals, (row, col), that cost least to reach, cheapest first; errors
-        as of `plan`.
-
-        Numbers of the goals and the plans that lead there; last those that cannot be reached, if
-        fewer than `count` can. Goals that cannot be among the nearest, by the octile distance, are
-        not planned to. The time of the options is each goal's own. Only exact methods are certain
-        to know the order of goals that are nearly as near.
-        """
-        if not len(goals):
-            raise InvalidQueryError("wanted at least one goal, got none")
-        if not count >= 1:
-            raise InvalidQueryError(f"count must be at least 1, got {count}")
-        cells = [as_cell(goal, "goal") for goal in goals]
-        begin = as_cell(start, "start")
         asked = options_of(**options)
-        bounds = [self._state.grid.least_cost(begin, cell) for cell in cells]
-        plans: dict[int, Plan] = {}
-        for at in sorted(range(len(cells)), key=bounds.__getitem__):
-            known = sorted(plan.cost for plan in plans.values())
-            if len(known) >= count and known[count - 1] <= bounds[at]:
-                break
-            plans[at] = self._planned(begin, cells[at], asked, Work())
-        return sorted(plans.items(), key=lambda item: (not item[1].ok, item[1].cost))[:count]
+        refining = "refine" in asked and self._frees(asked["refine"])
+        deadline = _deadline(asked)
+        plan = self._on_grid(start, goal, asked, work, deadline)
+        return self._refined(plan, refining, deadline)
 
     @checked(InvalidQueryError)
     @one_at_a_time
@@ -230,7 +187,7 @@ class Planner(OnMap):
             grid,
             best_order=best_order,
             nearest=nearest if asked.get("method") == Method.ASTAR else None,
-            finish=lambda leg: self._refined(leg, refining, asked, deadline),
+            finish=lambda leg: self._refined(leg, refining, deadline),
             deadline=deadline,
         )
         return replace(found, plan=found.plan.over(self._state))
@@ -255,14 +212,6 @@ class Planner(OnMap):
         return self._state.grid.robot.moves.came_to(
             self._state.grid, as_cell(start, "start"), memory
         )
-
-    def _planned(self, start: Cell, goal: Cell, asked: PlanOptions, work: Work) -> Plan:
-        refining = "refine" in asked and self._frees(asked["refine"])
-        deadline = _deadline(asked)
-        plan = self._on_grid(start, goal, asked, work, deadline)
-        if not refining and plan.states is None:
-            return plan
-        return self._refined(plan, refining, asked, deadline)
 
     def _on_grid(
         self,
@@ -289,24 +238,12 @@ class Planner(OnMap):
         keep = asked.get("keep_regions", False)
         return self._methods.plan(query, work, method, keep_regions=keep)
 
-    def _refined(self, plan: Plan, refining: bool, asked: PlanOptions, deadline: Deadline) -> Plan:
+    def _refined(self, plan: Plan, refining: bool, deadline: Deadline) -> Plan:
         """The plan, freed from the grid if that is asked for."""
         if refining:
-            return self._freed(plan, asked.get("turning_radius_m"), deadline)
+            return self._freed(plan, deadline)
         return plan if plan.states is None else plan.over(self._state)
 
 
 def _deadline(asked: PlanOptions) -> Deadline:
     return Deadline.within(asked["time_limit_s"]) if "time_limit_s" in asked else NEVER
-
-
-class PathOptions(PlannerOptions, PlanOptions):
-    """Options of `plan_path`: those of `Planner` and of `Planner.plan`."""
-
-
-def plan_path(cost: Float2D, start: Cell, goal: Cell, **options: Unpack[PathOptions]) -> Plan:
-    """Plan once, without keeping a planner; the arguments are those of `Planner` and
-    `Planner.plan`.
-    """
-    query, rest = split(options, PlanOptions)
-    return Planner(cost, **rest).plan(start, goal, **query)

@@ -34,11 +34,11 @@ class Found(NamedTuple):
 
     search: Search
     source: Source
-    cost: float
-    length: float
-    traverse_cost: float
-    lower_bound: float
-    region: Region | None
+    cost: float = math.inf
+    length: float = math.inf
+    traverse_cost: float = math.inf
+    lower_bound: float = 0.0
+    region: Region | None = None
     """Where it was allowed to go; None for the whole map. Its bitmap is overwritten by later
     queries.
     """
@@ -69,12 +69,6 @@ class Found(NamedTuple):
         above = query.epsilon if self.lower_bound >= 0.0 else -query.epsilon
         return self.cost <= (1.0 + above) * self.lower_bound
 
-    @classmethod
-    def too_late(cls, source: Source) -> "Found":
-        """Nothing: time was up before a search of the map could begin."""
-        nothing = Search.without_path(Status.TIMEOUT)
-        return cls(nothing, source, math.inf, math.inf, math.inf, 0.0, None)
-
     def plan(
         self,
         by: DynamicMethod,
@@ -83,7 +77,6 @@ class Found(NamedTuple):
         checked_before: int = 0,
         *,
         choice: str = "",
-        reason: str = "",
         keep_regions: bool = False,
     ) -> Plan:
         """The finished plan, which owns its data; of a map of which so many poses had been checked
@@ -105,7 +98,7 @@ class Found(NamedTuple):
             threshold=self.threshold,
             planner=by,
             choice=choice,
-            reason=reason or _REASONS.get(search.status, ""),
+            reason=_REASONS.get(search.status, ""),
             costs_computed=state.costs_computed,
             checks=state.grid.robot.stance.checks - checked_before,
             timings_ms=work.timings_ms,

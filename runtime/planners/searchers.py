@@ -1,14 +1,11 @@
 """Searches of the map at full resolution: what the planners are given to look for a path with."""
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Protocol
 
-from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.expansion import MOST_LANDMARKS
 from nnpp_edge.runtime.map.changes import ChangeReader
 from nnpp_edge.runtime.map.state import MapState
-from nnpp_edge.runtime.planners.query import problem_with
 from nnpp_edge.runtime.search.astar import Query, Search
 from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
@@ -60,29 +57,17 @@ class AStarSearcher:
             self._landmarks = self._changes = None
         return self._landmarks if self.grid.step_ratio <= MOST_RATIO_FOR_LANDMARKS else None
 
-    def prepare(self, landmarks: int, goals: Sequence[Cell]) -> None:
-        """Set landmarks at these goals, and so many more spread over the map; errors as of
-        `Planner.prepare`.
-        """
-        count = landmarks + len(goals)
-        if count and not self.grid.robot.by_weights:
+    def prepare(self, landmarks: int) -> None:
+        """Set so many landmarks, spread over the map; errors as of `Planner.prepare`."""
+        if landmarks and not self.grid.robot.by_weights:
             raise InvalidQueryError(
                 "landmarks need steps that cost alike both ways, without turns: wanted "
                 "step_cost='paper' and no body"
             )
-        if not 0 <= count <= MOST_LANDMARKS:
-            raise InvalidQueryError(
-                f"landmarks and goals must be at most {MOST_LANDMARKS}, got {count}"
-            )
-        for goal in goals:
-            if problem := problem_with(self.grid, goal, goal):
-                raise InvalidQueryError(
-                    f"goal {goal}: {problem.removeprefix('START_').lower().replace('_', ' ')}"
-                )
+        if not 0 <= landmarks <= MOST_LANDMARKS:
+            raise InvalidQueryError(f"landmarks must be at most {MOST_LANDMARKS}, got {landmarks}")
         from nnpp_edge.runtime.search.landmarks import Landmarks
 
         self._changes = self._log.reader()
         self._landmarks = Landmarks(self.grid, self.workspace)
-        for goal in goals:
-            self._landmarks.add(goal)
-        self._landmarks.spread(count)
+        self._landmarks.spread(landmarks)

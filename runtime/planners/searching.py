@@ -28,7 +28,6 @@ class Options(NamedTuple):
     """How a path is looked for."""
 
     method: DynamicMethod
-    keep_regions: bool
     approach: bool
     """Whether the path leads as near to the goal as there is a way, where none leads to it."""
 
@@ -46,7 +45,7 @@ def find(
     """
 
     def plan_to(query: Query) -> Plan:
-        return methods.plan(query, work, options.method, keep_regions=options.keep_regions)
+        return methods.plan(query, work, options.method)
 
     plan = plan_to(query)
     if not options.approach or plan.status not in (Status.NO_PATH, Status.GOAL_BLOCKED):

@@ -64,10 +64,8 @@ class Standing:
     footing: Footing
     index: int = -1
     """Of the robot's cell on the path; -1 where it is not on it."""
-    blocked_at: Cell | None = None
-    """First cell that can no longer be stepped on."""
     blocked: int = -1
-    """Its number on the path."""
+    """Number on the path of the first cell that can no longer be stepped on."""
     cost: float = math.inf
     """Of what is left of the path; inf unless it is valid."""
     lower_bound: float = 0.0
@@ -141,12 +139,8 @@ class StandingPath:
         """Follow this plan's path from now on; the plan must have been made on the map as it is
         now.
 
-        InvalidQueryError where it has no path to the goal, or the path cannot be walked.
+        InvalidQueryError where the path cannot be walked.
         """
-        if not plan.ok:
-            raise InvalidQueryError(
-                f"a standing path must lead to the goal, got a plan of status {plan.status}"
-            )
         way = plan.walked
         walked = np.empty(len(way))
         if self._grid.walk(way, 0, walked) >= 0:
@@ -206,10 +200,9 @@ class StandingPath:
         costs = np.empty(len(way))
         blocked = self._grid.walk(way, index, costs)
         if blocked >= 0:
-            cell = cell_of(way[blocked])
-            return Standing(Footing.BLOCKED, index, cell, blocked, math.inf, lower, floor)
+            return Standing(Footing.BLOCKED, index, blocked, math.inf, lower, floor)
         cost = float(costs[-1])
-        return Standing(Footing.VALID, index, None, -1, cost, min(lower, cost), min(floor, cost))
+        return Standing(Footing.VALID, index, -1, cost, min(lower, cost), min(floor, cost))
 
     def passed(self, row: float, col: float, heading_deg: float) -> Departure | None:
         """The state that a body has passed last, where it drives along the path's arcs and the one

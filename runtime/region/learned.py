@@ -125,28 +125,24 @@ class RegionFinder:
 
 
 class LearnedRegions:
-    """Regions of one map by a network, which is loaded when first needed: ModelError where it
-    cannot be. `unseen_change` as for `MapView`.
+    """Regions of one map by a network, which is loaded now: ModelError where it cannot be.
+    `unseen_change` as for `MapView`.
     """
 
     def __init__(
         self, state: MapState, model: str | Path | NetworkModel, unseen_change: float = 0.0
     ) -> None:
-        self._state = state
-        self._unseen_change = unseen_change
-        self.use_model(model)
-
-    def use_model(self, model: str | Path | NetworkModel) -> None:
-        """Take the regions from this network from now on."""
-        self.model = model
-        self._view: MapView | None = None
-        self._finder = RegionFinder(1)
+        self._view = MapView(state, model, unseen_change)
+        self._finder = RegionFinder(self._view.blocks)
+        self._loading = self._view.network.waited
+        """Whether the first query, whose stage that is, had to wait for the file."""
 
     def prepare(self, level: Level, number: int) -> None:
         """Do now what the first query on this level, the pyramid's of that number, would do before
         it is answered.
         """
-        view = self._loaded_view(Work())
+        self._loading = False
+        view = self._view
         view.lookup_at(level.grid, number)
         view.refresh()
         if view.network.in_parts:
@@ -173,7 +169,10 @@ class LearnedRegions:
         being opened by another thread. OutOfTimeError at the deadline, but that neither loading nor
         running a network can be stopped.
         """
-        view = self._loaded_view(stopwatch)
+        if self._loading:
+            self._loading = False
+            stopwatch.stage_ends("load")
+        view = self._view
         places = view.show(start, goal, deadline)
         deadline.check()
         stopwatch.stage_ends("encode")
@@ -201,11 +200,3 @@ class LearnedRegions:
                 yield None
 
         return probability_of(td), at_td, widening()
-
-    def _loaded_view(self, stopwatch: Work) -> MapView:
-        if self._view is None:
-            self._view = MapView(self._state, self.model, self._unseen_change)
-            self._finder = RegionFinder(self._view.blocks)
-            if self._view.network.waited:
-                stopwatch.stage_ends("load")
-        return self._view

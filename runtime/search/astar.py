@@ -169,7 +169,7 @@ def astar(
     if first == last:
         return Search(Status.OK, np.array([start], np.int32), 0)
     edges = grid.robot.price.edges(backwards)
-    width = bucket_width(grid, hints)
+    width = bucket_width(grid, edges, hints)
     farthest = 1.0 + beyond if beyond else kernels.BELOW
     rule = Rule(*grid.prices, width, _successors(grid, links, edges), farthest)
     landmarks = kernels.NO_HINTS if hints is None else tuple(hints)
@@ -255,7 +255,8 @@ def spreading(grid: "Grid", links: Links = None) -> Spreading:
     """How a point's costs spread."""
     edges = grid.robot.price.edges()
     steps = (grid.packed, edges, _ways(links))
-    rule = Rule(0.0, 0.0, bucket_width(grid), _successors(grid, links, edges), kernels.BELOW)
+    width = bucket_width(grid, edges)
+    rule = Rule(0.0, 0.0, width, _successors(grid, links, edges), kernels.BELOW)
     return Spreading(kernels.expand, (*steps, kernels.NO_REGION, kernels.NO_HINTS), rule)
 
 
@@ -334,9 +335,9 @@ def costs_to_nearest(
     return costs, known
 
 
-def bucket_width(grid: "Grid", hints: Hints | None = None) -> float:
+def bucket_width(grid: "Grid", edges: Float32s | None, hints: Hints | None = None) -> float:
     """Of a bucket of the open list at first, in units of f."""
-    by_grid = DIRECTED_BUCKET_WIDTH if grid.robot.price.edges() is not None else BUCKET_WIDTH
+    by_grid = BUCKET_WIDTH if edges is None else DIRECTED_BUCKET_WIDTH
     return grid.prices[0] * (by_grid if hints is None else BUCKET_WIDTH_BY_LANDMARKS)
 
 

@@ -16,7 +16,6 @@ from nnpp_edge.runtime import (
     Planner,
     Traversability,
     exercises,
-    plan_path,
     traversability_cost,
 )
 from nnpp_edge.runtime.network import loading
@@ -49,7 +48,7 @@ def test_a_path_is_what_the_planner_finds_told_in_a_few_lines_and_in_json(run, t
     assert lines["map"] == "80 × 90 cells of 2 m" and lines["cost"].endswith("the optimum")
     assert {"path", "CC", "expansions", "time"} <= set(lines)
     found = told(EXACT)
-    plan = plan_path(traversability_cost(hills, 2.0), (5, 5), (70, 80), method="astar")
+    plan = Planner(traversability_cost(hills, 2.0)).plan((5, 5), (70, 80), method="astar")
     assert found["status"] == "OK" and found["loading_included"]
     for name in ("cost", "length", "traverse_cost", "expansions"):
         assert found[name] == pytest.approx(getattr(plan, name))
@@ -58,7 +57,8 @@ def test_a_path_is_what_the_planner_finds_told_in_a_few_lines_and_in_json(run, t
     assert (found["rows"], found["cols"]) == hills.shape
     found = told(f"{EXACT} --workload limit12 --omega 0.02 --no-corner-cutting")
     cost = traversability_cost(hills, 2.0, Traversability(slope_limit_deg=12, hard_slope_deg=12))
-    plan = plan_path(cost, (5, 5), (70, 80), method="astar", corner_cutting=False, omega=0.02)
+    exact = Planner(cost, corner_cutting=False, omega=0.02)
+    plan = exact.plan((5, 5), (70, 80), method="astar")
     assert found["cost"] == pytest.approx(plan.cost)
 
 
@@ -83,7 +83,7 @@ def test_the_files_hold_the_path_in_map_coordinates(told, hills):
     found = told("plan hills.tif --start 5,5 --goal 70,80 --method astar -o", folder)
     assert found == written(folder / "plan.json")
     assert sorted(found["files"]) == sorted(map(str, folder.iterdir()))
-    path = plan_path(traversability_cost(hills, 2.0), (5, 5), (70, 80), method="astar").path
+    path = Planner(traversability_cost(hills, 2.0)).plan((5, 5), (70, 80), method="astar").path
     feature = written(folder / "path.geojson")
     wanted = [list(PLACE.map_coordinates(*cell)) for cell in path.tolist()]
     assert feature["geometry"] == {"type": "LineString", "coordinates": wanted}

@@ -56,7 +56,7 @@ $PLAN --step-cost time --mobility mine.toml    | needs a table [mobility.time]
 $PLAN --step-cost tobler --mobility nope       | wanted a vehicle's file | 'nope'
 $PLAN --step-cost tobler --memory 1kB          | in memory alone | directed
 $PLAN --step-cost tobler --refine any-angle    | refine='any-angle' prices lines by the map's cost
-$PLAN --set radius_m=2 --set turning_radius_m=4 | turning_radius_m needs --refine any-angle
+$PLAN --set radius_m=2 --set turning_radius_m=4 | is a disc: wanted no other values
 $PLAN --format gpx                             | --format needs -o
 $REACH --within-cost 3 --format gpkg           | --format needs -o
 $BODY --rescale 2                              | a body is checked on the ground itself: leave it out
@@ -96,7 +96,6 @@ plan nothing.tif --memory 1kB --workload limit20 --start 1,1 --goal 2,2 | so is 
 plan bare.tif --memory 1kB --start 1,1 --goal 2,2 | no cell size in the file
 plan grid.asc --memory 1kB --start 1,1 --goal 2,2 | stored as text | gdal_translate
 run --map cost.npz --ticks 1 --vehicle small-rover | holds costs: --vehicle needs elevations
-run --map hills.npz --set radius_m=2 --set turning_radius_m=6 | turning_radius_m needs --refine any-angle
 run --map hills.npz --loop cores=x             | cores
 run --map hills.npz --loop speed=3             | speed is unknown: wanted one of rate_hz, method
 run --map hills.npz --output foo               | output must be stdout, zenoh[:ENDPOINT] or none, got 'foo'

@@ -9,7 +9,7 @@ from nnpp_edge.runtime.compiled.places import OWN
 
 PLAN_EVERYTHING = """
 import numpy as np
-from nnpp_edge.runtime import DynamicPlanner, Planner, Vehicle, plan_path, traversability_cost
+from nnpp_edge.runtime import DynamicPlanner, Planner, Vehicle, traversability_cost
 from nnpp_edge.runtime.search.dstar_lite import DStarLite
 
 rng, methods = np.random.default_rng(3), ("astar", "corridor", "nnpp", "auto")
@@ -42,8 +42,7 @@ for shape in ((30, 30), (1, 60), (260, 230), (600, 530), (1100, 60)):
             planner.replan(method=method)
             planner.update_elevation(0, 2, dem[:3, 3:5])
             planner.standing()
-assert plan_path(frozen, start, goal).ok
-Planner(frozen).plan(start, goal)
+assert Planner(frozen).plan(start, goal).ok
 """
 
 COMPILE_ONE = """

@@ -10,14 +10,21 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from nnpp_edge.runtime import DynamicPlanner, Ground, Planner, Vehicle
+from nnpp_edge.runtime.arrays import curvatures
+from nnpp_edge.runtime.compiled.kernel import helper
 from nnpp_edge.runtime.deadline import Deadline
-from nnpp_edge.runtime.kernels.any_angle import NO_DISC, line_cost
+from nnpp_edge.runtime.kernels.any_angle import NO_DISC, cost_along, ground_of
 from nnpp_edge.runtime.map.grid import Grid
-from nnpp_edge.runtime.planners.refine import Refiner
-from nnpp_edge.runtime.planners.turns import curvatures, turns_rad, with_arcs
+from nnpp_edge.runtime.planners.refine import refined
 from nnpp_edge.runtime.terrain.step_cost import StepModel
 from tests import oracles
 from tests.strategies import Case, cases, flat, uniform
+
+
+@helper
+def line_cost(grid, room, points):
+    """The line integral along way points (N, 2); inf if a leg is not clear."""
+    return cost_along(ground_of(grid, room), points)
 
 
 def crossed(points, closed):
@@ -75,9 +82,10 @@ def test_a_line_costs_no_more_than_the_path_by_the_same_integral_and_meets_nothi
     ).all()
     assert (plan.waypoints is None) == (not plan.ok)
     if plan.ok:
-        on_grid = Refiner(planner.state).cost(plan.path.astype(np.float64))
+        packed = planner.state.grid.packed
+        on_grid = line_cost(packed, NO_DISC, plan.path.astype(np.float64))
         assert plan.line_cost <= on_grid * (1.0 + 1e-12)
-        assert plan.line_cost == pytest.approx(Refiner(planner.state).cost(plan.waypoints))
+        assert plan.line_cost == pytest.approx(line_cost(packed, NO_DISC, plan.waypoints))
         assert (tuple(plan.waypoints[0]), tuple(plan.waypoints[-1])) == (case.start, case.goal)
         passable = (case.cost < 1.0) | ((case.step_cost == "length") & np.isfinite(case.cost))
         assert crossed(plan.waypoints, not case.corner_cutting) <= set(
@@ -113,12 +121,7 @@ def test_on_even_ground_the_line_is_straight():
 
 def test_curvature_is_that_of_the_widest_arc_that_fits():
     corner = np.array([[0.0, 0.0], [0.0, 10.0], [6.0, 10.0]])
-    assert turns_rad(corner) == pytest.approx([0.0, math.pi / 2, 0.0])
     assert 1.0 / curvatures(corner).max() == pytest.approx(3.0)  # touches 3 cells from the corner
-    arcs = with_arcs(corner, 2.5)
-    assert 1.0 / curvatures(arcs).max() > 2.4 and len(arcs) > 5
-    assert np.hypot(*(arcs - (2.5, 7.5)).T)[1:-1] == pytest.approx(2.5)
-    assert with_arcs(corner, 7.0) is None
     assert curvatures(corner[:1]).tolist() == [0.0]
 
 
@@ -141,7 +144,7 @@ def test_a_dynamic_planner_frees_every_plan_on_the_newest_map():
 
 @settings(max_examples=25)
 @given(st.integers(0, 2**32), st.sampled_from([0.5, 1.0]), st.sampled_from([1.0, 0.8]))
-def test_a_discs_line_keeps_its_radius_from_obstacles_and_turns_no_sharper(seed, size, wider):
+def test_a_discs_line_keeps_its_radius_from_obstacles(seed, size, wider):
     rng = np.random.default_rng(seed)
     shape = rng.integers(20, 60, 2)
     sides = size, size * wider
@@ -150,32 +153,25 @@ def test_a_discs_line_keeps_its_radius_from_obstacles_and_turns_no_sharper(seed,
         cost[row : row + high, col : col + wide] = np.inf
     blocked = np.argwhere(np.pad(np.isinf(cost), 1, constant_values=True)) - 1
     radius = size * rng.uniform(0.3, 2.2)
-    turning = rng.choice((None, size * rng.uniform(1.0, 12.0)))
     ground = Ground(cost, cell_size_m=size, cell_width_m=sides[1], vehicle=Vehicle(radius_m=radius))
     planner = Planner(ground)
     for start, goal in rng.integers(3, shape - 3, (8, 2, 2)).tolist():
         ends = tuple(start), tuple(goal)
-        plan = planner.plan(*ends, refine="any-angle", turning_radius_m=turning)
+        plan = planner.plan(*ends, refine="any-angle")
         for leg in itertools.pairwise(plan.waypoints if plan.ok else ()):
             places = np.linspace(*leg, 2 + int(16 * math.dist(*leg)))
             apart = np.maximum(np.abs(places[:, None] - blocked) - 0.5, 0.0) * sides
             assert np.hypot(*apart.T).min() >= 0.99999 * radius, ends
-        if plan.ok and turning is not None:
-            assert curvatures(plan.waypoints * sides).max(initial=0.0) * turning <= 1.0 + 1e-6
 
 
 def test_at_the_deadline_the_line_is_what_was_found():
     cost = uniform(6, (80, 90)) * np.float32(0.9)
     planner = Planner(cost)
     plan = planner.plan((3, 4), (74, 81), method="astar")
-    refiner = Refiner(planner.state)
-    late = refiner.refined(plan, deadline=Deadline(0.0))
-    whole = refiner.refined(plan)
-    assert (
-        whole.line_cost
-        < late.line_cost
-        <= refiner.cost(plan.path.astype(np.float64)) * (1.0 + 1e-12)
-    )
+    late = refined(plan, planner.state, Deadline(0.0))
+    whole = refined(plan, planner.state)
+    on_grid = line_cost(planner.state.grid.packed, NO_DISC, plan.path.astype(np.float64))
+    assert whole.line_cost < late.line_cost <= on_grid * (1.0 + 1e-12)
 
 
 def test_lines_of_elevations_computed_where_somebody_looks_are_those_of_all():

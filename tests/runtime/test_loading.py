@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime import Ground, Navigator, NetworkModel, Planner, plan_path
+from nnpp_edge.runtime import Ground, Navigator, NetworkModel, Planner
 from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.loop import navigator
 from nnpp_edge.runtime.network import loading
@@ -131,7 +131,7 @@ def test_planners_that_name_the_same_file_share_a_session_and_keep_maps_of_their
         Planner(COST, model=model) for model in (fresh_model, str(fresh_model), fresh_model)
     ]
     plans = [planner.plan(*ENDS, method="nnpp") for planner in planners]
-    plans.append(plan_path(COST, *ENDS, method="nnpp", model=fresh_model))
+    plans.append(Planner(COST, model=fresh_model).plan(*ENDS, method="nnpp"))
     one = NetworkModel(fresh_model)
     other = NetworkModel(fresh_model)
     begin_loading(one)
@@ -159,7 +159,7 @@ def test_a_file_that_has_changed_is_opened_anew(fresh_model, sessions, way):
     whole = fresh_model.read_bytes()
     fresh_model.write_bytes(whole[: len(whole) // 2])
     with pytest.raises(ModelError):
-        planner.use_model(fresh_model)
+        Planner(COST, model=fresh_model).plan(*ENDS, method="nnpp")
     assert planner.plan(*ENDS, method="nnpp").ok  # by the old one
     fresh_model.write_bytes(whole)
     content = fresh_model.read_bytes().replace(b'"version": "0"', b'"version": "1"')
@@ -172,8 +172,8 @@ def test_a_file_that_has_changed_is_opened_anew(fresh_model, sessions, way):
         fresh_model.with_suffix(".new").replace(fresh_model)
     after = NetworkModel(fresh_model)
     assert (before.metadata.version, after.metadata.version) == ("0", "1")
-    planner.use_model(fresh_model)
-    assert planner.plan(*ENDS, method="nnpp").ok and len(sessions.paths) == 2
+    newer = Planner(COST, model=fresh_model)
+    assert newer.plan(*ENDS, method="nnpp").ok and len(sessions.paths) == 2
 
 
 def test_a_file_that_changes_while_it_is_loaded_is_refused(fresh_model, sessions, monkeypatch):

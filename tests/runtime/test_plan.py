@@ -71,9 +71,9 @@ def dynamic_planner(network, seed=3):
     planner = DynamicPlanner(rough(seed), GOAL, "auto", model=network)
     planner.prepare()
 
-    def plan(method, start, keep=True):
+    def plan(method, start):
         planner.move(start)
-        return planner.replan(method=method, keep_regions=keep)
+        return planner.replan(method=method)
 
     return planner, plan
 
@@ -121,9 +121,8 @@ def test_what_is_written_into_a_plans_arrays_reaches_no_planner(shared_network, 
                     array[:] = 7
 
 
-@pytest.mark.parametrize("make", [static_planner, dynamic_planner])
-def test_regions_are_kept_only_when_asked_for(network, make):
-    _, plan = make(network)
+def test_regions_are_kept_only_when_asked_for(network):
+    _, plan = static_planner(network)
     for method, has_region, by_network in (
         ("astar", False, False),
         ("corridor", True, False),
@@ -192,7 +191,7 @@ def test_what_a_plan_says_is_short_and_ready_for_json():
     assert told["cost"] is told["bound"] is told["threshold"] is None
     planner = DynamicPlanner(rough(), GOAL, "corridor-dstar")
     planner.move(START)
-    plan = planner.replan(keep_regions=True)
+    plan = planner.replan()
     lines = str(plan).splitlines()
     assert len(lines) < 12 and max(map(len, lines)) < 120
     assert lines[0].split() == ["status", "OK"] and f"{plan.cost:.6g}, likely" in str(plan)

@@ -15,7 +15,6 @@ from nnpp_edge.runtime import (
     Planner,
     Pose,
     Status,
-    plan_path,
 )
 from nnpp_edge.runtime.errors import ModelError
 from tests.strategies import flat, uniform
@@ -57,28 +56,24 @@ def test_near_goals_are_found_by_exact_search_unless_the_way_is_long_and_auto_sa
 
 def test_another_omega_than_the_networks_is_said(network):
     with pytest.warns(UserWarning, match=r"trained for omega = 0\.011"):
-        plan_path(flat(80, 80, 0.2), (0, 0), (70, 70), method="nnpp", omega=0.05, model=network)
+        planner = Planner(flat(80, 80, 0.2), omega=0.05, model=network)
+        planner.plan((0, 0), (70, 70), method="nnpp")
 
 
-def test_another_network_is_used_whole_or_not_at_all(network, tiny_model, tmp_path):
+def test_a_network_is_given_by_its_name_or_file_or_loaded(network, tiny_model, tmp_path):
     cost = uniform(2, (100, 100)) * 0.5
     query = ((5, 5), (90, 80))
     torn = tmp_path / "torn.onnx"
     torn.write_bytes(tiny_model.read_bytes()[:500])
-    planner = Planner(cost, model=network)
-    moving = DynamicPlanner(cost, query[1], "nnpp", model=network)
-    moving.move(query[0])
-    before = planner.plan(*query, method="nnpp")
     for bad in (torn, tmp_path / "none.onnx", "no-such-model"):
-        for each in (planner, moving):
-            with pytest.raises(ModelError):
-                each.use_model(bad)
-    assert planner.plan(*query, method="nnpp").threshold == before.threshold and moving.replan().ok
+        with pytest.raises(ModelError):
+            Planner(cost, model=bad).plan(*query, method="nnpp")
+    wanted = Planner(cost, model=network).plan(*query, method="nnpp")
     for model in (NetworkModel(tiny_model), tiny_model, str(tiny_model)):
-        planner.use_model(model)
-        np.testing.assert_array_equal(planner.plan(*query, method="nnpp").path, before.path)
-    planner.use_model("edge")
-    assert planner.plan(*query, method="nnpp").threshold != before.threshold
+        plan = Planner(cost, model=model).plan(*query, method="nnpp")
+        np.testing.assert_array_equal(plan.path, wanted.path)
+    other = Planner(cost, model="edge").plan(*query, method="nnpp")
+    assert other.threshold != wanted.threshold
 
 
 def test_maps_of_any_size_and_shape(network):
@@ -105,7 +100,7 @@ def test_a_status_says_why(network):
         ((0, 0), (0, 0), Status.OK, ""),
     ):
         for method in ("astar", "corridor", "nnpp", "auto"):
-            plan = plan_path(cost, start, goal, method=method, model=network)
+            plan = Planner(cost, model=network).plan(start, goal, method=method)
             assert (plan.status, plan.reason) == (status, why)
             assert plan.choice == "" or status in (Status.NO_PATH, Status.OK)
         if status is not Status.GOAL_OUTSIDE_MAP:

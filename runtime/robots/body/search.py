@@ -107,7 +107,7 @@ def spreading(
     states = grid.robot.states()
     step, _ = grid.prices
     legs = Legs(0.0, 0.0, 0.0)
-    width = bucket_width(grid)
+    width = bucket_width(grid, grid.robot.price.edges())
     if field is not NO_FIELD:
         legs = _best(grid)
         width = step * BUCKET_WIDTH_BY_LANDMARKS
@@ -367,7 +367,8 @@ def _filled(
         prices = prices._replace(rays=rays, ray_fares=prices.ray_fares[:DIRECTION_COUNT])
     while len(field.entries) < 4 * len(seeds.nodes):
         field.grow()
-    rule = FieldRule(tuple(_best(grid)), bucket_width(grid), _turns_in_field(grid, query, region))
+    width = bucket_width(grid, grid.robot.price.edges())
+    rule = FieldRule(tuple(_best(grid)), width, _turns_in_field(grid, query, region))
     before = (states.poses, states.edges, tuple(prices), allowed(region), tuple(seeds))
     ends = Ends(goal, grid.node(*query.start))
     code, spent, _ = run(fill_field, before, rule, ends, field, most, query.deadline, anew=anew)
