@@ -18,9 +18,8 @@ import numpy as np
 from numpy import float64, inf, int64, uint64
 
 from nnpp_edge.runtime.compiled.kernel import helper, inlined
-from nnpp_edge.runtime.kernels.by_address import borrowed
 from nnpp_edge.runtime.kernels.nodes import COL, ROW
-from nnpp_edge.runtime.kernels.records import Grid, Ground, Leg, Room, StepTerms
+from nnpp_edge.runtime.kernels.records import Grid, Ground, Leg, Room
 from nnpp_edge.runtime.kernels.tiles import open_there
 
 TOUCH = 1e-6
@@ -44,12 +43,10 @@ _ROUNDING = 1.0 - 1e-7
 @helper
 def ground_of(grid, room):
     """`Ground` of a `Grid` and a `Room`."""
-    grid = borrowed(Grid(*grid))
-    steps = StepTerms(*grid.steps)
+    steps = grid.steps
     per_cell = steps.length_straight
     per_weight = 2.0 * steps.weight_straight
-    around = borrowed(Room(*room))
-    return Ground(grid.weights, grid.stride, per_cell, per_weight, grid.corner_cutting, around)
+    return Ground(grid.weights, grid.stride, per_cell, per_weight, grid.corner_cutting, room)
 
 
 @helper

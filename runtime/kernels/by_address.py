@@ -4,7 +4,7 @@ calls it.
 
 from numba import typeof, types
 from numba.core import cgutils
-from numba.extending import intrinsic, lower_builtin, type_callable
+from numba.extending import intrinsic
 
 
 @intrinsic
@@ -24,36 +24,6 @@ def call_at(typing_context, address, arguments):
         return context.get_dummy_value()
 
     return types.none(address, arguments), generate
-
-
-def borrowed(value):
-    """An array, or a record and all arrays in it, for a kernel that neither keeps nor returns them:
-    references to them and their views are not counted.
-    """
-    return value
-
-
-type_callable(borrowed)(lambda context: lambda value: value)
-
-
-@lower_builtin(borrowed, types.Any)
-def _borrowed(context, builder, signature, values):
-    return _disowned(context, builder, signature.return_type, values[0])
-
-
-def _disowned(context, builder, kind, value):
-    if isinstance(kind, types.BaseTuple):
-        fields = [
-            _disowned(context, builder, each, builder.extract_value(value, n))
-            for n, each in enumerate(kind.types)
-        ]
-        return context.make_tuple(builder, kind, fields)
-    if isinstance(kind, types.Array):
-        parts = cgutils.create_struct_proxy(kind)(context, builder, value=value)
-        parts.meminfo = cgutils.get_null_value(parts.meminfo.type)
-        parts.parent = cgutils.get_null_value(parts.parent.type)
-        return parts._getvalue()
-    return value
 
 
 def address_of(kernel, *arguments):

@@ -3,7 +3,6 @@
 from numpy import float32, int64, uint8
 
 from nnpp_edge.runtime.compiled.kernel import helper, kernel
-from nnpp_edge.runtime.kernels.by_address import borrowed
 from nnpp_edge.runtime.kernels.clock import late
 from nnpp_edge.runtime.kernels.nodes import (
     COL,
@@ -21,8 +20,6 @@ from nnpp_edge.runtime.kernels.records import (
     Grid,
     Marks,
     Searched,
-    StepTerms,
-    Tiles,
     Width,
 )
 from nnpp_edge.runtime.kernels.tiles import open_at
@@ -68,8 +65,6 @@ def _flood(grid, edges, links, start, found, limit, scratch, marks, until):
     """
     weights = grid.weights
     stride = grid.stride
-    tiles = Tiles(*grid.tiles)
-    terms = StepTerms(*grid.steps)
     reached = scratch.reached
     queued = scratch.queued
     queue = scratch.queue
@@ -88,7 +83,7 @@ def _flood(grid, edges, links, start, found, limit, scratch, marks, until):
         if ended:  # the queue is emptied for the next flood
             continue
         # the search that came here may not have left from here
-        open_at(tiles, node // stride - 1, node % stride - 1)
+        open_at(grid.tiles, node // stride - 1, node % stride - 1)
         for k in range(8):
             if not (links[node] >> k) & 1:
                 continue
@@ -97,7 +92,7 @@ def _flood(grid, edges, links, start, found, limit, scratch, marks, until):
             if word >> STAMP_SHIFT != found.stamp or word & OPEN_BIT:
                 continue
             if edges is None:
-                step = float32(step_cost(k >= 4, weights[node] + weights[there], terms))
+                step = float32(step_cost(k >= 4, weights[node] + weights[there], grid.steps))
             else:
                 step = edges[node, k]
             cost = reached[node] + step
@@ -137,7 +132,18 @@ def _read_ahead(path, finer):
 
 
 @kernel
-def surround(grid, edges, links, start, found, scratch, path, width, marks, finer):
+def surround(
+    grid: Grid,
+    edges,
+    links,
+    start,
+    found: Searched,
+    scratch: FloodMemory,
+    path,
+    width: Width,
+    marks: Marks,
+    finer: FinerLevel,
+):
     """Mark what the next finer level is to search: what lies around a path, and on paths of nearly
     the same cost.
 
@@ -154,16 +160,11 @@ def surround(grid, edges, links, start, found, scratch, path, width, marks, fine
     path : (N, 2) int32
         Cells of the level.
     """
-    grid = borrowed(Grid(*grid))
-    found = borrowed(Searched(*found))
-    scratch = borrowed(FloodMemory(*scratch))
-    width = Width(*width)
-    marks = borrowed(Marks(*marks))
     if width.band > 0.0 and len(path) > 1:
         limit = (1.0 + width.band) * found.g[2 * start]
         _flood(grid, edges, links, start, found, limit, scratch, marks, width.until)
     _mark(path, width.radius, marks)  # last: the flood goes by the numbers that it wrote
-    return _read_ahead(path, borrowed(FinerLevel(*finer)))
+    return _read_ahead(path, finer)
 
 
 @helper
@@ -179,7 +180,7 @@ def _was_reached(meta, stamp, states, rows, cols, row, col):
 
 
 @kernel
-def close_dead_ends(links, marks, meta, stamp, states, shape, came, closed):
+def close_dead_ends(links, marks: Marks, meta, stamp, states, shape, came, closed):
     """Close the links between cells of a region that a search of the map came to, until nothing was
     left, and those that it did not: how many.
 
@@ -198,7 +199,6 @@ def close_dead_ends(links, marks, meta, stamp, states, shape, came, closed):
     closed : (nodes,) uint8
         The bits that were taken from `links` are added.
     """
-    marks = borrowed(Marks(*marks))
     map_rows, map_cols = shape
     rows = marks.bitmap.shape[0] // 2
     cols = marks.bitmap.shape[1] // 2

@@ -9,7 +9,6 @@ import numpy as np
 from numpy import float32, float64, inf, int32, int64, uint32
 
 from nnpp_edge.runtime.compiled.kernel import helper, kernel
-from nnpp_edge.runtime.kernels.by_address import borrowed
 from nnpp_edge.runtime.kernels.nodes import COL_STEP, OPPOSITE, ROW_STEP
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.kernels.records import Area, FinerSteps, SlopePrices, Ways
@@ -68,7 +67,7 @@ def _put_steps(row, first, k, weights, stride, ways, rises, costs, least, out):
 
 
 @kernel
-def price_steps(heights, ground, weights, prices, ways, area, steps):
+def price_steps(heights, ground, weights, prices: SlopePrices, ways: Ways, area: Area, steps):
     """Compute the steps that leave the cells of a rectangle.
 
     Parameters
@@ -89,9 +88,6 @@ def price_steps(heights, ground, weights, prices, ways, area, steps):
     float
         The dearest step.
     """
-    prices = borrowed(SlopePrices(*prices))
-    ways = borrowed(Ways(*ways))
-    area = Area(*area)
     rows, cols = heights.shape
     count = len(ways.lengths)
     wide = area.col1 - area.col0
@@ -152,7 +148,7 @@ def _mean_step(row, col, k, piece, finer, obstacle):
 
 
 @kernel
-def pool_steps(finer, pieces, obstacle, area, means):
+def pool_steps(finer: FinerSteps, pieces, obstacle, area: Area, means):
     """Average the steps of a finer level, or of the map, over the cells of a rectangle of a coarse
     one.
 
@@ -168,8 +164,6 @@ def pool_steps(finer, pieces, obstacle, area, means):
     means : (h + 2, w + 2, 8) float32
         Written inside the rectangle.
     """
-    finer = borrowed(FinerSteps(*finer))
-    area = Area(*area)
     stride = means.shape[1]
     for row in range(area.row0, area.row1):
         for col in range(area.col0, area.col1):
@@ -182,7 +176,7 @@ def pool_steps(finer, pieces, obstacle, area, means):
 
 
 @kernel
-def join_steps(means, area, edges, backwards):
+def join_steps(means, area: Area, edges, backwards):
     """Steps of a rectangle of coarse cells: half by the cell that is left, half by the one that is
     come to.
 
@@ -196,7 +190,6 @@ def join_steps(means, area, edges, backwards):
         Written: of the step that leaves a cell in each direction, and of that by which it is come
         to from there.
     """
-    area = Area(*area)
     half = float32(0.5)
     for row in range(area.row0 + 1, area.row1 + 1):
         for col in range(area.col0 + 1, area.col1 + 1):

@@ -12,7 +12,6 @@ direction costs, else None.
 from numpy import float64, inf, int64, uint64
 
 from nnpp_edge.runtime.compiled.kernel import inlined, kernel
-from nnpp_edge.runtime.kernels.by_address import borrowed
 from nnpp_edge.runtime.kernels.clock import late
 from nnpp_edge.runtime.kernels.nodes import (
     COL,
@@ -32,11 +31,7 @@ from nnpp_edge.runtime.kernels.nodes import (
 )
 from nnpp_edge.runtime.kernels.records import (
     DStar,
-    Grid,
     Rectangle,
-    Region,
-    StepTerms,
-    Tiles,
 )
 from nnpp_edge.runtime.kernels.tiles import open_at
 
@@ -58,7 +53,7 @@ def _cost(node, k, there, search, edges):
         return float64(edges[uint64(node), uint64(k)])
     weights = search.grid.weights
     pair = float64(weights[uint64(node)]) + float64(weights[uint64(there)])
-    cost = step_cost(k >= 4, pair, StepTerms(*search.grid.steps))
+    cost = step_cost(k >= 4, pair, search.grid.steps)
     if k >= 4 and not search.grid.corner_cutting:
         down = ROW_STEP[k] * search.grid.stride
         cost = inf if beside_wall(weights, node, down, COL_STEP[k]) else cost
@@ -165,12 +160,10 @@ def _update_vertex(node, row, col, rhs, search):
 
 
 @kernel
-def update_vertices(grid, region, known, edges, part, blocks, until):
+def update_vertices(search: DStar, edges, part: Rectangle, blocks, until):
     """Work out rhs anew of the nodes in a `Rectangle` of the map, as far as they lie in some
     `blocks` of the region's bitmap, (I, J) bool; the number of rows done before it is late.
     """
-    search = borrowed(DStar(Grid(*grid), Region(*region), *known))
-    part = Rectangle(*part)
     for done in range(part.rows):
         row = part.row + done + 1
         wanted = blocks[search.region.row_block[row - 1]]
@@ -234,13 +227,11 @@ def _raise(node, row, col, search, edges):
 
 
 @kernel
-def compute_shortest_path(grid, region, known, edges, until):
+def compute_shortest_path(search: DStar, edges, until):
     """Expand nodes until rhs of the start is its cost to the goal, or it is late: which, as `FOUND`
     or `PAUSED`, and the number of expansions.
     """
-    search = borrowed(DStar(Grid(*grid), Region(*region), *known))
     stride = search.grid.stride
-    tiles = borrowed(Tiles(*search.grid.tiles))
     start = search.start
     inverse_stride = 1.0 / stride
     expansions = 0
@@ -263,7 +254,7 @@ def compute_shortest_path(grid, region, known, edges, until):
             _place(0, key, node, search)
         else:
             expansions += 1
-            computed = open_at(tiles, row - 1, col - 1)
+            computed = open_at(search.grid.tiles, row - 1, col - 1)
             if g > rhs:
                 _remove(0, search)
                 _lower(node, row, col, search, edges)
@@ -273,9 +264,8 @@ def compute_shortest_path(grid, region, known, edges, until):
 
 
 @kernel
-def trace(grid, region, known, edges, path):
+def trace(search: DStar, edges, path):
     """Write the cells of the path from the start to the goal; its length."""
-    search = borrowed(DStar(Grid(*grid), Region(*region), *known))
     stride = search.grid.stride
     node = search.start
     length = 0

@@ -13,7 +13,6 @@ from numpy import float32, float64, inf, int64, uint64
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.compiled.kernel import helper, inlined, kernel
-from nnpp_edge.runtime.kernels.by_address import borrowed
 from nnpp_edge.runtime.kernels.clock import late
 from nnpp_edge.runtime.kernels.nodes import (
     COL_STEP,
@@ -65,7 +64,6 @@ from nnpp_edge.runtime.kernels.records import (
     Rule,
     StepTerms,
     Task,
-    Tiles,
 )
 from nnpp_edge.runtime.kernels.tiles import open_at
 
@@ -154,7 +152,6 @@ def trace(meta, node, stride, out):
 @inlined
 def _in_float32(steps):
     """`StepTerms` in the numbers that g is summed up in."""
-    steps = StepTerms(*steps)
     return StepTerms(
         float32(steps.length_straight),
         float32(steps.length_diagonal),
@@ -228,7 +225,17 @@ def _set_out(start, h, width, memory):
 
 
 @kernel
-def expand(grid, edges, links, region, hints, ends, rule, memory, limits):
+def expand(
+    grid: Grid,
+    edges,
+    links,
+    region: Region,
+    hints: Hints,
+    ends: Ends,
+    rule: Rule,
+    memory: Memory,
+    limits: Limits,
+):
     """Search until the goal is settled, nothing is left, `most` expansions are done, it is late or
     the list is full.
 
@@ -257,14 +264,6 @@ def expand(grid, edges, links, region, hints, ends, rule, memory, limits):
         are in `path`, goal first; the expansions so far; and the least f of a node that the region
         refused.
     """
-    grid = borrowed(Grid(*grid))
-    tiles = Tiles(*grid.tiles)
-    region = borrowed(Region(*region))
-    hints = borrowed(Hints(*hints))
-    memory = borrowed(Memory(*memory))
-    ends = Ends(*ends)
-    rule = Rule(*rule)
-    limits = Limits(*limits)
     stride = grid.stride
     goal = ends.goal
     place = (stride, goal, goal // stride, goal % stride)
@@ -306,7 +305,7 @@ def expand(grid, edges, links, region, hints, ends, rule, memory, limits):
             continue
         # expand it: the neighbours that are reached at a lower g than before, without a branch, and
         # then the steps to these alone
-        if open_at(tiles, row - 1, col - 1):
+        if open_at(grid.tiles, row - 1, col - 1):
             look_at = expansions
         expansions += 1
         if h < best_h:

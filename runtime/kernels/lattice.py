@@ -13,7 +13,6 @@ import math
 from numpy import float32, float64, inf, int64, uint64
 
 from nnpp_edge.runtime.compiled.kernel import helper, inlined, kernel
-from nnpp_edge.runtime.kernels.by_address import borrowed
 from nnpp_edge.runtime.kernels.clock import late
 from nnpp_edge.runtime.kernels.nodes import (
     COL,
@@ -75,7 +74,6 @@ from nnpp_edge.runtime.kernels.records import (
     FieldRule,
     FieldTask,
     Frame,
-    Legs,
     Limits,
     Memory,
     Poses,
@@ -229,12 +227,16 @@ def _step(code, node, local, way, fare, edges, unit):
 
 
 @kernel
-def trace_states(meta, state, prices, frame, out):
+def trace_states(meta, state, prices: Prices, frame: Frame, out):
     """Write the states from one back to the start, (row, col, number), into `out`, as far as it
     reaches; how many.
     """
-    prices = borrowed(Prices(*prices))
-    frame = Frame(*frame)
+    return _trace(meta, state, prices, frame, out)
+
+
+@helper
+def _trace(meta, state, prices, frame, out):
+    """As `trace_states`, for other kernels to call."""
     n = 0
     while True:
         row, col, local = _place(state, frame)
@@ -311,7 +313,17 @@ def _relax_ray(i, j, k, on, g_node, onwards, task, front):
 
 
 @kernel
-def fill_field(poses, edges, prices, region, seeds, ends, rule, memory, limits):
+def fill_field(
+    poses: Poses,
+    edges,
+    prices: Prices,
+    region: Region,
+    seeds: Seeds,
+    ends,
+    rule: FieldRule,
+    memory: Memory,
+    limits: Limits,
+):
     """Costs to the goal of the cells from which a way to it may be part of the best one.
 
     Searches from the seeds, by the rays of `prices` backwards, until the start is settled.
@@ -331,20 +343,13 @@ def fill_field(poses, edges, prices, region, seeds, ends, rule, memory, limits):
         The code, the expansions, and the least f of a node that the region refused.
     """
     goal, start = ends
-    poses = borrowed(Poses(*poses))
-    edges = borrowed(edges)
-    prices = borrowed(Prices(*prices))
-    region = borrowed(Region(*region))
-    rule = borrowed(FieldRule(*rule))
-    memory = borrowed(Memory(*memory))
-    limits = Limits(*limits)
     rays = prices.rays
     stride = poses.cols + 2
-    judge = CellJudge(stride, start // stride, start % stride, Legs(*rule.legs))
+    judge = CellJudge(stride, start // stride, start % stride, rule.legs)
     task = FieldTask(poses, edges, prices, region, judge, start, rule.between, memory)
     if goal >= 0:
         base = _left_of_cell(goal, judge)
-        _seed(memory, borrowed(Seeds(*seeds)), judge, base, rule.width)
+        _seed(memory, seeds, judge, base, rule.width)
     front = resumed(memory, float64(known(memory, start)))
     room = int64(len(memory.entries)) // 2 - len(rays) - 1
     expansions = memory.counts[EXPANSIONS]
@@ -522,7 +527,17 @@ def _relax(row, col, local, way, g_state, expansions, task, front, settled):
 
 
 @kernel
-def expand_states(poses, edges, prices, field, region, ends, rule, memory, limits):
+def expand_states(
+    poses: Poses,
+    edges,
+    prices: Prices,
+    field: Field,
+    region: Region,
+    ends: Ends,
+    rule: StateRule,
+    memory: Memory,
+    limits: Limits,
+):
     """As `kernels.expansion.expand`, over a body's states.
 
     Parameters
@@ -539,25 +554,17 @@ def expand_states(poses, edges, prices, field, region, ends, rule, memory, limit
     tuple
         As there; once the goal is found, `counts` has its state in the place of the nearest one's.
     """
-    ends = Ends(*ends)
-    limits = Limits(*limits)
-    rule = borrowed(StateRule(*rule))
-    named = borrowed(Prices(*prices))
-    memory = borrowed(Memory(*memory))
-    poses = borrowed(Poses(*poses))
     stride = poses.cols + 2
-    frame = Frame(*rule.frame)
+    frame = rule.frame
     place = (ends.goal // stride, ends.goal % stride)
-    judge = StateJudge(frame, *place, Legs(*rule.legs), borrowed(Field(*field)))
-    region = borrowed(Region(*region))
-    edges = borrowed(edges)
-    task = StateTask(poses, edges, named, region, judge, ends.goal, rule, memory)
+    judge = StateJudge(frame, *place, rule.legs, field)
+    task = StateTask(poses, edges, prices, region, judge, ends.goal, rule, memory)
     if ends.start >= 0:
         _set_out(ends, task)
     front = resumed(memory, memory.reals[BOUND])
     best_h = memory.reals[BEST_H]
     settled = memory.counts[GOAL_STATE]
-    ways = named.moves.shape[1]
+    ways = prices.moves.shape[1]
     room = int64(len(memory.entries)) // 2 - ways - DIRECTION_COUNT - 3
     expansions = memory.counts[EXPANSIONS]
     last = expansions + limits.most
@@ -608,7 +615,7 @@ def expand_states(poses, edges, prices, field, region, ends, rule, memory, limit
     cells = 0
     if code != FULL:
         end = memory.counts[BEST_NODE]
-        cells = trace_states(memory.meta, end, prices, rule.frame, memory.path)
+        cells = _trace(memory.meta, end, prices, frame, memory.path)
     return code, cells, expansions, front.refused
 
 
@@ -616,15 +623,13 @@ def expand_states(poses, edges, prices, field, region, ends, rule, memory, limit
 
 
 @kernel
-def walk_states(poses, prices, path, first, costs):
+def walk_states(poses: Poses, prices: Prices, path, first, costs):
     """Write what a body's path (N, 2) costs from its cell `first` to each later one into `costs`
     (N,).
 
     Returns the number of the first cell that a failing leg or turn leads to, from `first` on; -1 if
     all pass. The turn at `first` must pass, too, but is not counted.
     """
-    poses = borrowed(Poses(*poses))
-    prices = borrowed(Prices(*prices))
     stride = poses.cols + 2
     total = 0.0
     before = -1
@@ -650,15 +655,13 @@ def walk_states(poses, prices, path, first, costs):
 
 
 @kernel
-def walk_primitives(poses, prices, path, first, costs):
+def walk_primitives(poses: Poses, prices: Prices, path, first, costs):
     """Write what a path of states (N, 3) costs from its state `first` to each later one into
     `costs` (N,).
 
     Returns the number of the first state that a failing primitive, or none at all, leads to; -1 if
     all pass.
     """
-    poses = borrowed(Poses(*poses))
-    prices = borrowed(Prices(*prices))
     stride = poses.cols + 2
     total = 0.0
     costs[first : first + 1] = 0.0

@@ -6,7 +6,7 @@ from numpy import float64, inf, int64
 
 from nnpp_edge.runtime.compiled.kernel import inlined, kernel
 from nnpp_edge.runtime.kernels.nodes import COL, ROW, beside_wall, octile, step_cost
-from nnpp_edge.runtime.kernels.records import Grid, StepTerms, Tiles
+from nnpp_edge.runtime.kernels.records import Grid
 from nnpp_edge.runtime.kernels.tiles import open_at
 
 
@@ -25,11 +25,9 @@ def node_on(path, n, stride):
 
 
 @kernel
-def measure(grid, path):
+def measure(grid: Grid, path):
     """Cost of a path of cells, straight and diagonal steps, and the sum of the cells' weights."""
-    grid = Grid(*grid)
-    tiles = Tiles(*grid.tiles)
-    terms = StepTerms(*grid.steps)
+    terms = grid.steps
     straight = 0
     diagonal = 0
     by_straight = 0.0
@@ -37,7 +35,7 @@ def measure(grid, path):
     total = 0.0
     before = 0.0
     for n in range(len(path)):
-        open_at(tiles, path[n, ROW], path[n, COL])  # a search may not have read it
+        open_at(grid.tiles, path[n, ROW], path[n, COL])  # a search may not have read it
         weight = float64(grid.weights[node_on(path, n, grid.stride)])
         total += weight
         if n > 0:
@@ -102,18 +100,16 @@ def savings(weights, before, touched, count, stride, at, goal, prices):
 
 
 @kernel
-def walk(grid, path, first, costs):
+def walk(grid: Grid, path, first, costs):
     """Costs of a path from its cell `first` to each of the later ones; the first that cannot be
     stepped on, or -1.
     """
-    grid = Grid(*grid)
-    tiles = Tiles(*grid.tiles)
-    terms = StepTerms(*grid.steps)
+    terms = grid.steps
     weights = grid.weights
     stride = grid.stride
     total = 0.0
     for n in range(first, len(path)):
-        open_at(tiles, path[n, ROW], path[n, COL])
+        open_at(grid.tiles, path[n, ROW], path[n, COL])
         node = node_on(path, n, stride)
         if weights[node] == inf:
             return n

@@ -8,7 +8,6 @@ import numpy as np
 from numpy import float32, float64, inf, int64, uint8, uint16, uint64
 
 from nnpp_edge.runtime.compiled.kernel import helper, inlined, kernel
-from nnpp_edge.runtime.kernels.by_address import borrowed
 from nnpp_edge.runtime.kernels.nodes import (
     COL_STEP,
     DIRECTION_OF,
@@ -352,7 +351,7 @@ def link(finer, corner_cutting, area, coarse):
 
 
 @kernel
-def pool_and_link(finer, corner_cutting, obstacle, area, coarse):
+def pool_and_link(finer: Level, corner_cutting, obstacle, area: Area, coarse: Level):
     """Bring a rectangle of coarse cells up to date with the finer level, and the links of the cells
     around it.
 
@@ -373,9 +372,6 @@ def pool_and_link(finer, corner_cutting, obstacle, area, coarse):
     float
         The least weight in the rectangle.
     """
-    finer = borrowed(Level(*finer))
-    coarse = borrowed(Level(*coarse))
-    area = Area(*area)
     least = pool(finer, corner_cutting, obstacle, area, coarse)
     link(finer, corner_cutting, around(area, coarse, 1), coarse)
     return least

@@ -13,7 +13,7 @@ from numba.extending import overload
 from numpy import float32, inf, int32, uint16, uint64
 
 from nnpp_edge.runtime.compiled.kernel import helper, inlined, kernel
-from nnpp_edge.runtime.kernels.by_address import borrowed, call_at
+from nnpp_edge.runtime.kernels.by_address import call_at
 from nnpp_edge.runtime.kernels.lanes import (
     LANES,
     chosen,
@@ -48,7 +48,6 @@ from nnpp_edge.runtime.kernels.records import (
     Figures,
     Plane,
     Poses,
-    PoseTables,
 )
 from nnpp_edge.runtime.kernels.traversability import arc_tangent
 
@@ -326,10 +325,9 @@ def _first_height(poses, row, col):
 
 
 @kernel
-def figures_of(poses, row, col, motion, out):
+def figures_of(poses: Poses, row, col, motion, out):
     """Figures of a motion's poses from a cell, and their slopes, into `out` (P, 7)."""
-    poses = borrowed(Poses(*poses))
-    tables = PoseTables(*poses.tables)
+    tables = poses.tables
     scratch = poses.scratch
     first = _first_height(poses, row, col)
     begin = tables.poses_of[motion]
@@ -341,14 +339,13 @@ def figures_of(poses, row, col, motion, out):
 
 
 @kernel
-def check_run(poses, row, col, motion):
+def check_run(poses: Poses, row, col, motion):
     """Check a motion from all cells of the run that a cell lies in, and write what is found of it.
 
     What a motion comes to, one from M on of the body standing in a direction, is left in the
     scratch memory, too.
     """
-    poses = borrowed(Poses(*poses))
-    tables = PoseTables(*poses.tables)
+    tables = poses.tables
     heights = poses.heights
     scratch = poses.scratch
     side = poses.block_side
@@ -397,35 +394,31 @@ def _compiled_check_there(poses, row, col, motion):
 
 
 @kernel
-def standing_codes(poses, row, out):
+def standing_codes(poses: Poses, row, out):
     """Codes of the body standing on the cells of a row, in each direction, into `out` (8, W)."""
-    named = Poses(*poses)
-    first = named.codes.shape[1]
+    first = poses.codes.shape[1]
     for k in range(AXIS_COUNT):
         for col in range(0, out.shape[1], LANES):
-            check_run(poses, row, col, first + k)
+            check_there(poses, row, col, first + k)
             for c in range(min(LANES, out.shape[1] - col)):
-                out[k, col + c] = uint16(named.scratch[c])
+                out[k, col + c] = uint16(poses.scratch[c])
 
 
 @kernel
-def check_all(poses):
+def check_all(poses: Poses):
     """Check all motions that are not checked yet."""
-    named = Poses(*poses)
-    codes = named.codes
-    for row in range(named.rows):
-        first = (row + 1) * (named.cols + 2) + 1
-        for col in range(0, named.cols, LANES):
+    codes = poses.codes
+    for row in range(poses.rows):
+        first = (row + 1) * (poses.cols + 2) + 1
+        for col in range(0, poses.cols, LANES):
             for motion in range(codes.shape[1]):
                 if codes[first + col, motion] == UNCHECKED:
-                    check_run(poses, row, col, motion)
+                    check_there(poses, row, col, motion)
 
 
 @kernel
-def forget_poses(poses, area, reach):
+def forget_poses(poses: Poses, area: Area, reach):
     """Take motions within `reach`, (rows, columns), of an `Area` of cells as unchecked."""
-    poses = Poses(*poses)
-    area = Area(*area)
     rows_off, cols_off = reach
     cols = poses.cols
     col0 = max(area.col0 - cols_off, 0)

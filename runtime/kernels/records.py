@@ -6,7 +6,7 @@ record within another is a plain tuple as well, until it is named. They stand he
 kernels hold the places of their fields (`compiled.places`).
 """
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,37 +43,6 @@ class StepTerms(NamedTuple):
     length_diagonal: float
     weight_straight: float
     weight_diagonal: float
-
-
-class Grid(NamedTuple):
-    """The map that is searched (`map.grid.Grid`)."""
-
-    weights: Floats
-    """(nodes,) within a border of impassable cells; inf where impassable."""
-    stride: int
-    """Nodes from one row to the next."""
-    steps: Packed
-    """`StepTerms`."""
-    corner_cutting: bool
-    """Whether a diagonal step may pass beside an impassable cell."""
-    tiles: Packed
-    """`Tiles`."""
-
-
-class Tiles(NamedTuple):
-    """Which tiles of a map of heights have been computed, for a search of one of its levels."""
-
-    state: Bytes
-    """(I, J) what has been done to each tile, as bits (`kernels.tiles`)."""
-    wanted: int
-    """The bit without which a cell of a tile may not be left."""
-    row_shift: int
-    col_shift: int
-    """By how many bits a row, and a column, of the level is shifted to give the tile's."""
-    source: Packed
-    """`TileSource`."""
-    open_tile: int
-    """Address of `open_tile`."""
 
 
 class TileSource(NamedTuple):
@@ -121,6 +90,34 @@ LEVEL_STRIDE = 2
 LEVEL_FIRST = 3
 LEVEL_COLUMNS = 4
 """Of `TileSource.levels`: rows, columns, stride and first node."""
+
+
+class Tiles(NamedTuple):
+    """Which tiles of a map of heights have been computed, for a search of one of its levels."""
+
+    state: Bytes
+    """(I, J) what has been done to each tile, as bits (`kernels.tiles`)."""
+    wanted: int
+    """The bit without which a cell of a tile may not be left."""
+    row_shift: int
+    col_shift: int
+    """By how many bits a row, and a column, of the level is shifted to give the tile's."""
+    source: Annotated[Packed, TileSource]
+    open_tile: int
+    """Address of `open_tile`."""
+
+
+class Grid(NamedTuple):
+    """The map that is searched (`map.grid.Grid`)."""
+
+    weights: Floats
+    """(nodes,) within a border of impassable cells; inf where impassable."""
+    stride: int
+    """Nodes from one row to the next."""
+    steps: Annotated[Packed, StepTerms]
+    corner_cutting: bool
+    """Whether a diagonal step may pass beside an impassable cell."""
+    tiles: Annotated[Packed, Tiles]
 
 
 class Level(NamedTuple):
@@ -373,8 +370,8 @@ class Frontier(NamedTuple):
 class DStar(NamedTuple):
     """What D* Lite searches, and what it knows (`search.dstar_lite`)."""
 
-    grid: Grid
-    region: Region
+    grid: Annotated[Packed, Grid]
+    region: Annotated[Packed, Region]
     goal: int
     start: int
     start_row: int
@@ -619,41 +616,6 @@ class Places(NamedTuple):
 # Bodies
 
 
-class Poses(NamedTuple):
-    """A body's motions on a map: what is known of them, and what it takes to check the others
-    (`robots.body.poses`).
-    """
-
-    codes: Words
-    """(nodes, M) of each motion that begins on a node: `UNCHECKED`, 1 + T · `MOST_CODE`, rounded
-    up, or `FAILS` + the limit that refuses it (`kernels.poses`).
-    """
-    heights: Floats
-    """(H, width) metres, within a margin of unknown cells, as one row."""
-    added: Floats
-    """(H, width) what layers add to T, likewise; (0,) without any."""
-    tables: Packed
-    """`PoseTables`."""
-    limits: Floats
-    """(9,) of the vehicle, by `REFUSALS`, and `TILT_SHARE` and the others."""
-    scratch: Floats
-    """(wheels · LANES,)"""
-    counts: Int64s
-    """(1,) poses checked so far."""
-    rows: int
-    cols: int
-    """Of the map."""
-    width: int
-    """Numbers from one row of heights to the next."""
-    margin: int
-    block_side: int
-    """Cells, on a map of which blocks are known by their means; else 0."""
-    block_prices: Floats
-    """(blocks,) T a cell that is not known."""
-    check_run: int
-    """Address of `check_run`."""
-
-
 class PoseTables(NamedTuple):
     """What the check samples of the ground, motion by motion (`robots.body.motions.Motions`)."""
 
@@ -691,6 +653,40 @@ class PoseTables(NamedTuple):
     """(5, wheels) `LEVEL` and the others below: what a wheel's height adds to the plane."""
     carried: Floats
     """(8,) pairs, `CARRIED_ALONG` and the others below."""
+
+
+class Poses(NamedTuple):
+    """A body's motions on a map: what is known of them, and what it takes to check the others
+    (`robots.body.poses`).
+    """
+
+    codes: Words
+    """(nodes, M) of each motion that begins on a node: `UNCHECKED`, 1 + T · `MOST_CODE`, rounded
+    up, or `FAILS` + the limit that refuses it (`kernels.poses`).
+    """
+    heights: Floats
+    """(H, width) metres, within a margin of unknown cells, as one row."""
+    added: Floats
+    """(H, width) what layers add to T, likewise; (0,) without any."""
+    tables: Annotated[Packed, PoseTables]
+    limits: Floats
+    """(9,) of the vehicle, by `REFUSALS`, and `TILT_SHARE` and the others."""
+    scratch: Floats
+    """(wheels · LANES,)"""
+    counts: Int64s
+    """(1,) poses checked so far."""
+    rows: int
+    cols: int
+    """Of the map."""
+    width: int
+    """Numbers from one row of heights to the next."""
+    margin: int
+    block_side: int
+    """Cells, on a map of which blocks are known by their means; else 0."""
+    block_prices: Floats
+    """(blocks,) T a cell that is not known."""
+    check_run: int
+    """Address of `check_run`."""
 
 
 FIT_AHEAD = 0
@@ -815,8 +811,8 @@ class Seeds(NamedTuple):
 class FieldRule(NamedTuple):
     """How a field is filled."""
 
-    legs: Packed
-    """`Legs` by which what is left is judged."""
+    legs: Annotated[Packed, Legs]
+    """By which what is left is judged."""
     width: float
     """Of a bucket of the open list at first."""
     between: Floats
@@ -844,8 +840,8 @@ class Field(NamedTuple):
 class StateRule(NamedTuple):
     """How states are searched (`kernels.lattice.expand_states`)."""
 
-    legs: Packed
-    """`Legs` by which what is left is judged."""
+    legs: Annotated[Packed, Legs]
+    """By which what is left is judged."""
     width: float
     beyond: float
     """As of a `Rule`."""
@@ -853,8 +849,7 @@ class StateRule(NamedTuple):
     """By how much an expanded state must become cheaper to be expanded again, for each expansion so
     far: 0 where what is left is judged consistently.
     """
-    frame: Packed
-    """`Frame`."""
+    frame: Annotated[Packed, Frame]
     starting: Bools
     """(S,) states in which it may start, one at least."""
     wanted: Bools

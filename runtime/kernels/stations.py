@@ -30,10 +30,9 @@ from nnpp_edge.runtime.kernels.any_angle import (
     way_of,
     weight_at,
 )
-from nnpp_edge.runtime.kernels.by_address import borrowed
 from nnpp_edge.runtime.kernels.clock import late
 from nnpp_edge.runtime.kernels.nodes import COL, ROW
-from nnpp_edge.runtime.kernels.records import Grid, Leg, Places, Stage, Tiles
+from nnpp_edge.runtime.kernels.records import Grid, Leg, Places, Room, Stage
 
 BLOCKED = 1e200
 """Weight of impassable places where sums of weights may have factors of 0: more than any sum of
@@ -50,7 +49,7 @@ their samples come near something impassable.
 
 
 @kernel
-def freed(grid, room, path, stages, tolerance, until):
+def freed(grid: Grid, room: Room, path, stages, tolerance, until):
     """Way points near a path of cells that cost less, by the line integral, than the path itself as
     a rule.
 
@@ -74,7 +73,6 @@ def freed(grid, room, path, stages, tolerance, until):
         line costs less.
     """
     ground = ground_of(grid, room)
-    tiles = borrowed(Tiles(*Grid(*grid).tiles))
     on_grid = corners(path)
     cost_on_grid = cost_along(ground, on_grid)
     points = on_grid
@@ -84,16 +82,16 @@ def freed(grid, room, path, stages, tolerance, until):
             break
         stage = Stage(*row)
         stations = _evenly(points, stage)
-        moved = _moved(ground, tiles, stations, stage, until)
+        moved = _moved(ground, grid.tiles, stations, stage, until)
         cost_moved = sampled_along(ground, moved)
         if cost_moved < cost:
             points = moved
             cost = cost_moved
         elif moved is stations:
             # obstacles all around: a straighter line may leave more room
-            points = shortened(ground, tiles, points, 0.0)
+            points = shortened(ground, grid.tiles, points, 0.0)
     mean = cost / run_of(points)[-1]
-    points = shortened(ground, tiles, points, tolerance * mean)
+    points = shortened(ground, grid.tiles, points, tolerance * mean)
     cost = cost_along(ground, points)
     if cost < cost_on_grid:
         return points, cost

@@ -5,11 +5,12 @@ import math
 import numpy as np
 from numpy import float32, inf, int8, int64, uint8
 
-from nnpp_edge.runtime.compiled.kernel import inlined, kernel
-from nnpp_edge.runtime.kernels.by_address import borrowed
+from nnpp_edge.runtime.compiled.kernel import helper, inlined, kernel
 from nnpp_edge.runtime.kernels.clock import late
 from nnpp_edge.runtime.kernels.nodes import (
+    COL,
     COL_STEP,
+    ROW,
     ROW_STEP,
     STAMP_SHIFT,
     beside_wall,
@@ -22,7 +23,6 @@ from nnpp_edge.runtime.kernels.records import (
     RegionMarks,
     RegionRule,
     ThresholdMemory,
-    Tiles,
     WalkMemory,
 )
 from nnpp_edge.runtime.kernels.tiles import open_at
@@ -65,18 +65,23 @@ def lowered(level, factor):
 
 
 @kernel
-def adaptive_threshold(memory, start_row, start_col, goal_row, goal_col):
-    """The largest level, in 0…255, at which two blocks are joined in {levels >= level},
-    eight-connected. `memory` is a `ThresholdMemory`, whose levels are read.
+def adaptive_threshold(memory: ThresholdMemory, start, goal):
+    """The largest level, in 0…255, at which two blocks, (row, col), are joined in
+    {levels >= level}, eight-connected.
     """
-    memory = borrowed(ThresholdMemory(*memory))
+    return _widest(memory, start, goal)
+
+
+@helper
+def _widest(memory, start, goal):
+    """As `adaptive_threshold`, for other kernels to call."""
     heads = memory.heads
     rows, cols = memory.levels.shape
     heads[:] = _NONE
     memory.done[:] = 0
-    goal = goal_row * cols + goal_col
-    first = start_row * cols + start_col
-    width = int64(memory.levels[start_row, start_col])
+    last = goal[ROW] * cols + goal[COL]
+    first = start[ROW] * cols + start[COL]
+    width = int64(memory.levels[start[ROW], start[COL]])
     memory.done[first] = 1
     memory.following[first] = _NONE
     heads[width] = first
@@ -85,7 +90,7 @@ def adaptive_threshold(memory, start_row, start_col, goal_row, goal_col):
             width -= 1
         block = heads[width]
         heads[width] = memory.following[block]
-        if block == goal:
+        if block == last:
             return width
         row = block // cols
         col = block % cols
@@ -134,7 +139,6 @@ def _walkable_threshold(levels, lookup, grid, links, ends, most, heads, walk, un
     is a level that the result is known not to exceed; the nearer to it, the less is looked at.
     """
     stride = grid.stride
-    tiles = Tiles(*grid.tiles)
     waiting = walk.meta
     heads[:] = _NONE
     goal_row = ends.goal // stride
@@ -158,7 +162,7 @@ def _walkable_threshold(levels, lookup, grid, links, ends, most, heads, walk, un
             return width
         row = node // stride
         col = node % stride
-        if open_at(tiles, row - 1, col - 1):
+        if open_at(grid.tiles, row - 1, col - 1):
             looked = 0
         if looked % _LOOK_EVERY == 0 and late(until):
             return TOO_LATE
@@ -197,7 +201,18 @@ def fill_region(levels, threshold, start_row, start_col, goal_row, goal_col, sta
 
 
 @kernel
-def first_regions(probability, lookup, grid, links, ends, rule, memory, walk, marks, until):
+def first_regions(
+    probability,
+    lookup: Lookup,
+    grid: Grid,
+    links,
+    ends: RegionEnds,
+    rule: RegionRule,
+    memory: ThresholdMemory,
+    walk: WalkMemory,
+    marks: RegionMarks,
+    until,
+):
     """All that a plan needs of a network's answer, in one call: td, and the blocks at it and at a
     share of it.
 
@@ -213,23 +228,15 @@ def first_regions(probability, lookup, grid, links, ends, rule, memory, walk, ma
     links : (nodes,) uint8
         As for `expand`.
     """
-    lookup = borrowed(Lookup(*lookup))
-    grid = borrowed(Grid(*grid))
-    ends = RegionEnds(*ends)
-    rule = RegionRule(*rule)
-    named = borrowed(ThresholdMemory(*memory))
-    walk = borrowed(WalkMemory(*walk))
-    marks = borrowed(RegionMarks(*marks))
-    levels = named.levels
+    levels = memory.levels
     stride = grid.stride
     blocks = (ends.start_row, ends.start_col, ends.goal_row, ends.goal_col)
     quantise(probability, levels)
     most = LEVELS - 1
     if rule.touching:  # by the cells' own blocks: those of `ends` may be their neighbours
         start = _block_at(lookup, ends.start, stride)
-        goal = _block_at(lookup, ends.goal, stride)
-        most = adaptive_threshold(memory, *start, *goal)
-    td = _walkable_threshold(levels, lookup, grid, links, ends, most, named.heads, walk, until)
+        most = _widest(memory, start, _block_at(lookup, ends.goal, stride))
+    td = _walkable_threshold(levels, lookup, grid, links, ends, most, memory.heads, walk, until)
     fill_region(levels, max(td, 0), *blocks, marks.stamp, 0, marks.at_td)
     if td > 0:
         fill_region(levels, lowered(td, rule.factor), *blocks, marks.stamp, 0, marks.bitmap)

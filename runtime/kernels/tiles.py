@@ -10,7 +10,7 @@ from numba.extending import overload
 from numpy import float32, inf, int64, uint64
 
 from nnpp_edge.runtime.compiled.kernel import helper, inlined, kernel
-from nnpp_edge.runtime.kernels.by_address import borrowed, call_at
+from nnpp_edge.runtime.kernels.by_address import call_at
 from nnpp_edge.runtime.kernels.encoding import (
     add_costs,
     cells_of_part,
@@ -35,7 +35,6 @@ from nnpp_edge.runtime.kernels.records import (
     Level,
     Rectangle,
     Tiles,
-    TileSource,
 )
 from nnpp_edge.runtime.kernels.traversability import MOST_COST, SCALE, fill_weights
 
@@ -82,12 +81,11 @@ def _cost_tile(tiles, source, i, j):
 
 
 @kernel
-def open_tile(tiles, i, j):
+def open_tile(tiles: Tiles, i, j):
     """Compute what is not yet there of a tile and of those around it, so that its cells may be
     left.
     """
-    tiles = borrowed(Tiles(*tiles))
-    source = TileSource(*tiles.source)
+    source = tiles.source
     state = tiles.state
     needed = POOLED if tiles.wanted == LINKED else COSTED
     for a in range(max(i - 1, 0), min(i + 2, state.shape[0])):
@@ -125,14 +123,13 @@ def open_at(tiles, row, col):
 
 
 @kernel
-def compute_rows(tiles, row0, row1):
+def compute_rows(tiles: Tiles, row0, row1):
     """Weights of whole rows of tiles, and the coarse cells above them with the links within.
 
     Rows `row0` to `row1` of the map are those of the tiles. Row of tiles by row of tiles: what is
     read again is near.
     """
-    tiles = borrowed(Tiles(*tiles))
-    source = TileSource(*tiles.source)
+    source = tiles.source
     down = source.row_shift
     for i in range(row0 >> down, ((row1 - 1) >> down) + 1):
         area = Area(i << down, min((i + 1) << down, row1), int64(0), source.cols)
@@ -144,10 +141,10 @@ def compute_rows(tiles, row0, row1):
 
 
 @kernel
-def link_rows(tiles, row0, row1):
+def link_rows(tiles: Tiles, row0, row1):
     """All links of the coarse cells above whole rows of the map."""
-    source = borrowed(TileSource(*Tiles(*tiles).source))
-    _link_levels(source, Area(row0, row1, int64(0), source.cols))
+    area = Area(row0, row1, int64(0), tiles.source.cols)
+    _link_levels(tiles.source, area)
 
 
 # The levels
@@ -380,7 +377,7 @@ def _both(one, other):
 
 
 @kernel
-def write_layer(tiles, layer, rim, patch, seen, row, col, nodes, old_weights):
+def write_layer(tiles: Tiles, layer, rim, patch, seen, row, col, nodes, old_weights):
     """Put values into a layer of the map, and bring up to date whatever of it has been computed.
 
     Parameters
@@ -404,8 +401,7 @@ def write_layer(tiles, layer, rim, patch, seen, row, col, nodes, old_weights):
         counts as other; whether one became cheaper; the `Area` that holds them; how many nodes were
         noted; the `Area` that holds all new values, all 0 without any.
     """
-    tiles = borrowed(Tiles(*tiles))
-    source = TileSource(*tiles.source)
+    source = tiles.source
     changed = NO_AREA
     cells = 0
     cheaper = False
@@ -445,7 +441,7 @@ def write_layer(tiles, layer, rim, patch, seen, row, col, nodes, old_weights):
 
 
 @kernel
-def sample_planes(tiles, window, parts, inner, planes):
+def sample_planes(tiles: Tiles, window: Rectangle, parts, inner, planes):
     """Mean cost and share of impassable cells of parts of a window of the map, from two rows of
     each network cell.
 
@@ -462,8 +458,7 @@ def sample_planes(tiles, window, parts, inner, planes):
     planes : (2, S, S) float32
         Written.
     """
-    source = borrowed(TileSource(*Tiles(*tiles).source))
-    window = Rectangle(*window)
+    source = tiles.source
     shape = (window.rows, window.cols)
     inner_rows, inner_cols = inner
     scale = source.rule[SCALE]

@@ -15,7 +15,6 @@ import numpy as np
 from numpy import float32, float64, inf, nan, uint64
 
 from nnpp_edge.runtime.compiled.kernel import helper, inlined, kernel
-from nnpp_edge.runtime.kernels.by_address import borrowed
 from nnpp_edge.runtime.kernels.lanes import chosen
 from nnpp_edge.runtime.kernels.nodes import rows_around
 from nnpp_edge.runtime.kernels.records import Area, CostFactors, Heights, Spans, Terms
@@ -382,7 +381,7 @@ def _shut_steep_steps(heights, first, cols, n, rule, weights):
 
 
 @kernel
-def fill_weights(heights, rows, cols, rule, area, out, first, stride):
+def fill_weights(heights, rows, cols, rule, area: Area, out, first, stride):
     """Weights of a rectangle of cells, inf where impassable.
 
     Parameters
@@ -396,10 +395,7 @@ def fill_weights(heights, rows, cols, rule, area, out, first, stride):
     out : (…,) float32
         Written: cell (row, col) at `first` + row · `stride` + col.
     """
-    ground = borrowed(Heights(heights, rows, cols))
-    heights = ground.heights
-    out = borrowed(out)
-    area = Area(*area)
+    ground = Heights(heights, rows, cols)
     col0 = area.col0
     col1 = area.col1
     inner0 = max(col0, 1)

@@ -12,7 +12,7 @@ _NOTHING_HIGH = int32(-1)
 
 
 @kernel
-def fill_costs(cost, limits, row0, row1, weights, stride):
+def fill_costs(cost, limits: CostLimits, row0, row1, weights, stride):
     """Put the weights of some rows of a new map into their places.
 
     Numbers from 0 up are in the order of their bits, read as integers; of integers the compiler
@@ -21,7 +21,6 @@ def fill_costs(cost, limits, row0, row1, weights, stride):
     Arguments as for `write_costs`, of the whole map. Returns the bits of the least passable cost
     above 0 or 0 itself, those of the greatest (-1 without any), and whether one lies below 0.
     """
-    limits = CostLimits(*limits)
     cols = cost.shape[1]
     lowest = _NOTHING_LOW
     highest = _NOTHING_HIGH
@@ -43,7 +42,9 @@ def fill_costs(cost, limits, row0, row1, weights, stride):
 
 
 @kernel
-def write_costs(cost, seen, limits, first, stride, weights, bounds, nodes, old_weights):
+def write_costs(
+    cost, seen, limits: CostLimits, first, stride, weights, bounds: Bounds, nodes, old_weights
+):
     """Put the weights of a rectangle of costs into the map, from node `first` on, unless one is out
     of range.
 
@@ -69,8 +70,6 @@ def write_costs(cost, seen, limits, first, stride, weights, bounds, nodes, old_w
         cheaper; the `Area` of them within the rectangle; the `Bounds`, widened; whether a cell that
         lay at a bound has changed.
     """
-    limits = CostLimits(*limits)
-    bounds = Bounds(*bounds)
     rows, cols = cost.shape
     everywhere = seen.size == 0
     lowest = _INF

@@ -68,7 +68,7 @@ class RegionFinder:
 
     def threshold(self, start: Cell, goal: Cell) -> int:
         """The adaptive threshold td between two blocks, as a level."""
-        return int(kernels.adaptive_threshold(tuple(self._memory), *start, *goal))
+        return int(kernels.adaptive_threshold(tuple(self._memory), start, goal))
 
     def first(
         self,

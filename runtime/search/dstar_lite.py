@@ -114,7 +114,7 @@ class DStarLite:
         start = (self._start, *divmod(self._start, self._grid.stride))
         place = (self._goal, *start, *self._prices, self._km)
         known = (self.g, self.rhs, self.keys, self.nodes, self.slots, self.size)
-        return (self._grid.packed, tuple(self.region), (*place, *known), self._edges)
+        return (self._grid.packed, tuple(self.region), *place, *known), self._edges
 
     def _begin(self, prices: Iterable[float]) -> None:
         """Forget all that was found. No straight and no diagonal step costs less than `prices`."""
