@@ -54,7 +54,6 @@ _EXTRAS = {
     "robot": ("mcap", "prometheus_client", "zenoh"),
     "vector": ("pyogrio", "pyproj"),
     "train": ("torch", "onnx", "onnxscript", "safetensors"),
-    "rerun": ("rerun",),
     "viz": ("jinja2", "matplotlib", "PIL"),
 }
 """Packages that the onboard install lacks, by the extra that brings them."""

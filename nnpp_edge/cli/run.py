@@ -98,8 +98,7 @@ def command(
     settings = changed(settings, rate_hz=rate, method=method, model=model, **steps)
     robot.check_turns(settings.refine)
     options.check_outputs(  # --record never replaces a file
-        *(("--log", wiring.log), ("--view", options.view_file(wiring.view))),
-        more_inputs=[model_path(settings.model)],
+        ("--log", wiring.log), more_inputs=[model_path(settings.model)]
     )
     if "network" in DynamicMethod(settings.method).entry.needs:
         begin_loading(settings.model)

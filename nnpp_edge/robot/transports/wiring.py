@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 STDOUT = "stdout"
 NONE = "none"
 _HELP = {entry.option: entry.help for entry in TRANSPORTS}
-View = Annotated[str | None, {"metavar": "WHERE"}, _HELP["view"]]
 
 
 def _forms(option: str) -> str:
@@ -59,7 +58,6 @@ class Wiring:
         {"metavar": "PORT"},
         "Serve the counters to Prometheus at this port.",
     ] = None
-    view: View = None
 
     def __post_init__(self) -> None:
         name = self.source[0].name
@@ -93,7 +91,7 @@ class Wiring:
     def watchers(self) -> list[tuple[TransportEntry, str]]:
         """The transports that have an option of their own, where it is given."""
         found = []
-        for option in ("record", "log", "view"):
+        for option in ("record", "log"):
             place = getattr(self, option)
             if place is not None:
                 found += [(entry, str(place)) for entry in entries(option)]
