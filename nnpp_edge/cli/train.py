@@ -2,7 +2,6 @@
 
 import math
 import os
-from contextlib import nullcontext
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated
@@ -12,7 +11,7 @@ import click
 from nnpp_edge.cli import options
 from nnpp_edge.cli.text import tell
 from nnpp_edge.model.registry import PRESETS
-from nnpp_edge.progress import THOUSANDTHS, bar, ignore, shown
+from nnpp_edge.progress import THOUSANDTHS, bar, shown
 
 _SIDE = click.IntRange(64, options.LARGEST_SIDE)
 _SIGMA = options.Real(0.0, 1.0, min_open=True)
@@ -33,7 +32,7 @@ class Settings:
             "repeats that training."
         ),
     ] = None
-    batch: Annotated[int, "Over all processes."] = 32
+    batch: Annotated[int, "Queries in a step."] = 32
     learning_rate: Annotated[float, options.POSITIVE] = 1e-3
     weight_decay: Annotated[float, options.NOT_NEGATIVE] = 1e-4
     target: Annotated[
@@ -87,8 +86,7 @@ def command(
 
     Each validation searches real queries inside the predicted region. The run's folder gets
     best.pt, last.pt, history.json and curves.png; the same command continues where it stopped.
-    Shards that appear in DATASET meanwhile are taken at the next epoch. Under torchrun the batch is
-    divided evenly over the processes, and the first one writes and prints.
+    Shards that appear in DATASET meanwhile are taken at the next epoch.
 
     \b
     nnpp-edge train data/train --validation data/val -o runs/edge --time-limit 60
@@ -107,13 +105,9 @@ def command(
     preset = PRESETS[architecture]
     size = input_size or preset.input_size
     unseen = preset.encoding == "unseen"
-    first = int(os.environ.get("RANK", "0")) == 0
     judged_on = read_known(validation) if unseen else read_samples(validation)
-    growing = GrowingSet(dataset, known=unseen, size=size, make=make and first)
-    with (
-        growing,
-        bar("train", THOUSANDTHS, quiet=True) if first else nullcontext(ignore) as advance,
-    ):
+    growing = GrowingSet(dataset, known=unseen, size=size, make=make)
+    with growing, bar("train", THOUSANDTHS, quiet=True) as advance:
         best = train(
             replace(preset, sigma=sigma, input_size=size),
             TrainSettings(
@@ -128,8 +122,6 @@ def command(
             pause_after_s=60.0 * (pause_after or math.inf),
             report=lambda share, words: advance(int(THOUSANDTHS * share), words),
         )
-    if not first:
-        return
     progress = load_checkpoint(best.with_name(LAST)).progress
     history = progress.history
     training_curves(history, output / "curves.png")

@@ -52,9 +52,8 @@ class Batches:
 
     The settings' ``target`` is ``near``: exp(-excess / softness), the nearness to the optimum of
     the best path through a block; or ``path``: 1 on the optimal path's blocks, 0 elsewhere, as in
-    the paper; for maps known by their blocks it is what the blocks turn out to be. Every process,
-    `rank` of `world`, takes every `world`-th query of each batch: together they see the samples of
-    one process. DataSetError where samples are not of the network's size.
+    the paper; for maps known by their blocks it is what the blocks turn out to be. DataSetError
+    where samples are not of the network's size.
     """
 
     def __init__(
@@ -64,17 +63,13 @@ class Batches:
         settings: TrainSettings,
         *,
         device: torch.device = CPU,
-        rank: int = 0,
-        world: int = 1,
     ) -> None:
         self.spec = spec
         self.settings = settings
         self.device = device
-        self.share = slice(rank, settings.batch, world)
         nearness = torch.exp(-torch.arange(256) * (EXCESS_STEP / settings.softness))
         nearness[255] = 0.0
         self._nearness = nearness.to(device)
-        self._world = world
         self.held: Held | None = None
         if samples is not None:
             self.extend(samples)
@@ -142,15 +137,13 @@ class Batches:
         size = self.settings.batch
         held = self.held
         assert held is not None
-        in_batch = held.maps[0].nbytes * size // self._world
-        at_once = max(1, _BYTES_AT_ONCE // in_batch)
+        at_once = max(1, _BYTES_AT_ONCE // (held.maps[0].nbytes * size))
         rng = np.random.default_rng([self.settings.seed, number])
         order = rng.permutation(len(held.labels))[: len(self) * size].reshape(-1, size)
-        swapped = rng.integers(2, size=order.shape, dtype=bool)[:, self.share]
+        swapped = rng.integers(2, size=order.shape, dtype=bool)
         # each place of a batch has its position, equal ones side by side: the order is random
-        turns = np.sort((np.arange(size) + rng.integers(POSITIONS)) % POSITIONS)[self.share]
+        turns = np.sort((np.arange(size) + rng.integers(POSITIONS)) % POSITIONS)
         threads = torch.get_num_threads()
-        order = order[:, self.share]  # of the whole batch, whoever takes which part of it
         for first in range(skip - skip % at_once, len(self), at_once):
             those = slice(first, first + at_once)
             # to wake other threads takes longer than these copies

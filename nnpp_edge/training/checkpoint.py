@@ -47,7 +47,7 @@ class TrainSettings:
 
     epochs: int = 150
     batch: int = 32
-    """Queries in a step, over all processes."""
+    """Queries in a step."""
     learning_rate: float = 1e-3
     weight_decay: float = 1e-4
     steps: int | None = None

@@ -131,7 +131,7 @@ def planes_of_a_run(monkeypatch, source, judged_on, folder, pauses):
     set_of.mkdir(parents=True)
     shutil.copy(source / "dataset.json", set_of)
     seen = []
-    step = training.TrainingProcess.step
+    step = training.TrainingRun.step
 
     def recorded(run, batch):
         if run.progress.step in APPEARS:
@@ -139,7 +139,7 @@ def planes_of_a_run(monkeypatch, source, judged_on, folder, pauses):
         seen.append(batch[0].clone())
         step(run, batch)
 
-    monkeypatch.setattr(training.TrainingProcess, "step", recorded)
+    monkeypatch.setattr(training.TrainingRun, "step", recorded)
     shutil.copy(source / "shard-00000.npz", set_of)
     for steps in pauses:
         settings = TrainSettings(batch=8, steps=steps, validations=1, warmup_steps=1)
