@@ -78,7 +78,6 @@ def command(
             "that was stopped goes on here."
         ),
     ] = False,
-    pause_after: Annotated[float | None, "Minutes; the same command continues."] = None,
     threads: Annotated[int | None, "Of torch on the CPU; by default one a core."] = None,
     as_json: options.AsJson = False,
 ) -> None:
@@ -119,7 +118,6 @@ def command(
             output,
             omega=growing.recipe.omega,
             begin_with=begin_with,
-            pause_after_s=60.0 * (pause_after or math.inf),
             report=lambda share, words: advance(int(THOUSANDTHS * share), words),
         )
     progress = load_checkpoint(best.with_name(LAST)).progress

@@ -51,7 +51,6 @@ def train(
     *,
     omega: float,
     begin_with: Path | None = None,
-    pause_after_s: float = math.inf,
     report: Report = ignore,
 ) -> Path:
     """Train a network, going on from the folder's last checkpoint if there is one; the path of the
@@ -64,8 +63,8 @@ def train(
     `begin_with`, whose input may have another size. The two data sets are of one kind. A training
     set that grows is looked at before each epoch; epochs are counted as of the whole set.
 
-    After `pause_after_s` seconds the run is saved, wherever it is; called again it goes on.
-    `report` is called twice a second.
+    The run is saved every five minutes; one that was stopped goes on from there. `report` is called
+    twice a second.
 
     ModelError where the folder's checkpoint is of another spec or `begin_with` of another network,
     DataSetError where the training set does not fit or is smaller than a batch.
@@ -82,8 +81,7 @@ def train(
     run.begin(last, begin_with)
     progress = run.progress
     data = _Data(training, run)
-    began = time.monotonic()
-    saved = began
+    saved = time.monotonic()
 
     def validate() -> None:
         validating = time.monotonic()
@@ -96,14 +94,11 @@ def train(
     def save() -> None:
         run.checkpoint().save(last)
 
-    def stops() -> bool:
-        return run.done or run.out_of_patience or time.monotonic() - began > pause_after_s
-
     data.grow()
     if not progress.history:
         validate()
         save()
-    while not stops():
+    while not run.done:
         for batch in data.batches.epoch(progress.epoch, progress.step_in_epoch):
             run.step(batch)
             run.tell(report)
@@ -113,7 +108,7 @@ def train(
             if time.monotonic() - saved > SAVED_EVERY_S:
                 save()
                 saved = time.monotonic()
-            if stops():
+            if run.done:
                 break
         if progress.step_in_epoch == len(data.batches):
             progress.epoch += 1
@@ -258,8 +253,11 @@ class TrainingRun:
 
     @property
     def done(self) -> bool:
-        """Whether the last step has been made."""
-        return self.progress.step >= (self.progress.steps or self.most)
+        """Whether the last step has been made, or so many validations were no better than the best
+        as were to be waited for.
+        """
+        out_of_patience = self.progress.waited >= (self.settings.patience or sys.maxsize)
+        return out_of_patience or self.progress.step >= (self.progress.steps or self.most)
 
     @property
     def validation_due(self) -> bool:
@@ -270,11 +268,6 @@ class TrainingRun:
         parts = self.settings.validations
         step = self.progress.step
         return step * parts // steps > (step - 1) * parts // steps
-
-    @property
-    def out_of_patience(self) -> bool:
-        """Whether so many validations were no better than the best as were to be waited for."""
-        return self.progress.waited >= (self.settings.patience or sys.maxsize)
 
     @property
     def share_done(self) -> float:

@@ -20,7 +20,7 @@ from nnpp_edge.training.train import TrainSettings, train
 from nnpp_edge.training.validation import Validator
 from tests.training.conftest import RECIPE, SMALL, VALIDATED_AFTER, enlarged
 
-RUN = ("begin_with", "pause_after_s", "judged_on")
+RUN = ("begin_with", "judged_on")
 
 
 def run(samples, folder, spec=SMALL, **changes):
