@@ -9,7 +9,7 @@ import click
 from nnpp_edge.cli import options
 from nnpp_edge.cli.ground_options import GroundOptions
 from nnpp_edge.cli.outputs import chosen
-from nnpp_edge.cli.requests import FIGURES, PLAN_FORMATS, PlanRequest
+from nnpp_edge.cli.requests import PLAN_FORMATS, PlanRequest
 from nnpp_edge.cli.text import tell
 from nnpp_edge.runtime.compiled.notice import told_if_slow
 from nnpp_edge.runtime.options import PlanOptions, StepOptions
@@ -80,7 +80,7 @@ def command(
     per_cell = (
         _BYTES_PER_CELL + (body.bytes_per_cell if body else 0) + DIRECTED_BYTES_PER_CELL * directed
     )
-    whole = directed or body is not None or any(name in FIGURES for name in request.formats)
+    whole = directed or body is not None
     large = request.crop is None and reads_by_windows(dem, memory, per_cell, whole=whole)
     answer = plan_on(
         request, query, steps, dem, robot, model=model, drawn=output is not None, large=large

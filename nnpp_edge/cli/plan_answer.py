@@ -37,8 +37,6 @@ class Answer:
     plan: Plan
     route: Route
     picture: Callable[[], Picture]
-    figure: Callable[[Sequence[tuple[str, Cell]], str], bytes]
-    """Makes the figure for a paper, of the stops with their names, of a kind such as ``.pdf``."""
     stops: Sequence[tuple[str, Cell]]
     """Start, the places between in the order of visits, and goal, with their names."""
     goals: Sequence[tuple[Cell, Plan]] = ()
@@ -230,6 +228,4 @@ class Answer:
             "path.qml": lambda: LINE_STYLE.encode(),
             "path.gpx": lambda: route.gpx("nnpp-edge plan", self.stops),
         }
-        if path.stem == "figure":
-            return self.figure(self.stops, path.suffix)
         return makers[path.name]()

@@ -196,17 +196,10 @@ def plan_on(
             reached=ended,
         )
 
-    def figure(stops: Sequence[tuple[str, Cell]], kind: str) -> bytes:
-        from nnpp_edge.viz.plan_figure import plan_figure
-
-        assert plan.along is not None and cost is not None
-        return plan_figure(chart_of(dem, cost), dem, plan.along, stops, kind)
-
     return Answer(
         plan,
         route,
         picture,
-        figure,
         list(zip(_names(request, dem, tour), stops, strict=True)),
         goals=ranked if len(ranked) > 1 else (),
         compared=compared,

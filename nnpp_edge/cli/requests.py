@@ -92,11 +92,9 @@ PLACE = Parsed(
 Start = Annotated[End, PLACE, "ROW,COL from 0, xy:X,Y, lonlat:LON,LAT, or a vector file's point."]
 
 
-FIGURES = ("pdf", "svg", "png")
 PLAN_FORMATS = {
     "gpkg": Format(("path.gpkg", "path.qml"), "pyogrio", "vector"),
     "gpx": Format(("path.gpx",), "pyproj", "geo"),
-    **{kind: Format((f"figure.{kind}",), "matplotlib", "viz") for kind in FIGURES},
 }
 
 
@@ -124,10 +122,7 @@ class PlanRequest:
         "--format",
         click.Choice(list(PLAN_FORMATS)),
         MANY,
-        (
-            "Also write path.gpx; path.gpkg with stations and legs, and path.qml for QGIS; or a "
-            "figure for a paper as figure.pdf, figure.svg or figure.png."
-        ),
+        "Also write path.gpx; or path.gpkg with stations and legs, and path.qml for QGIS.",
     ] = ()
 
     def __post_init__(self) -> None:

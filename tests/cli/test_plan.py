@@ -217,8 +217,8 @@ def test_a_saved_grid_map_is_planned_on_in_its_metres(told):
 
 
 def test_no_path_ends_with_1_and_leaves_no_file_of_an_earlier_plan(run, told, split):
-    run(f"{EXACT} -o out --format gpkg --format png --format svg")
-    Path("out/figure.pdf").write_text("of somebody else")
+    run(f"{EXACT} -o out --format gpkg")
+    Path("out/path.gpx").write_text("of somebody else")
     before = set(Path("out").iterdir())
     ended = run("plan hills.npz --start 5,5 --goal out/path.gpkg:stations -o out")
     ended.refused("would replace out/path.gpkg, which is read")
@@ -226,7 +226,7 @@ def test_no_path_ends_with_1_and_leaves_no_file_of_an_earlier_plan(run, told, sp
     ended = run(f"plan split.npz {ENDS} --method astar -o out")
     assert ended.code == 1 and ended.out.startswith("NO_PATH") and ended.err == ""
     gone = {path.name for path in before.difference(Path("out").iterdir())}
-    assert gone == {"path.gpkg", "path.qml", "figure.png", "figure.svg"}
+    assert gone == {"path.gpkg", "path.qml"}
     found = written("out/plan.json")
     assert (found["status"], found["cost"], found["length_m"]) == ("NO_PATH", None, None)
     assert written("out/path.geojson")["geometry"] is None
@@ -320,7 +320,7 @@ def test_who_gave_a_wrong_place_does_not_wait(run, hills, monkeypatch):
     monkeypatch.setattr(dem_module, "read_dem", never)
     for words, module in (
         (f"{EXACT} --format gpkg", "pyogrio"),
-        (f"{EXACT} --format svg", "matplotlib"),
+        (f"{EXACT} --format gpx", "pyproj"),
         ("reach hills.npz --start 5,5 --within-cost 9", "rasterio"),
     ):
         monkeypatch.setitem(sys.modules, module, None)
