@@ -51,7 +51,7 @@ COMMANDS = {
 _EXTRAS = {
     "geo": ("rasterio",),
     "ros": ("rclpy",),
-    "robot": ("mcap", "prometheus_client", "zenoh"),
+    "robot": ("mcap", "zenoh"),
     "vector": ("pyogrio", "pyproj"),
     "train": ("torch", "onnx", "onnxscript", "safetensors"),
     "viz": ("jinja2", "matplotlib", "PIL"),

@@ -117,7 +117,6 @@ $RUN --method magic                            | method: wanted one of auto, ast
 $RUN --loop cores=[-1]                         | cores
 $RUN --profile none                            | profile
 $RUN --record no/such/folder.jsonl             | could not be written
-$RUN --metrics metrics.prom                    | 'metrics.prom' is not a valid integer
 $RUN --json                                    | --json prints on stdout
 simulate --start 3,3                           | both --start and --goal
 simulate --picture drive.jpg                   | .png or .gif file, got drive.jpg

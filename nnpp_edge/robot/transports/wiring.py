@@ -4,8 +4,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
-import click
-
 from nnpp_edge.robot.transports import TRANSPORTS, TransportEntry, entries, find
 from nnpp_edge.runtime.errors import InvalidQueryError
 
@@ -52,12 +50,6 @@ class Wiring:
     ] = None
     record: Annotated[Path | None, _HELP["record"]] = None
     log: Annotated[Path | None, _HELP["log"]] = None
-    metrics: Annotated[
-        int | None,
-        click.IntRange(0, 65535),
-        {"metavar": "PORT"},
-        "Serve the counters to Prometheus at this port.",
-    ] = None
 
     def __post_init__(self) -> None:
         name = self.source[0].name
