@@ -237,9 +237,7 @@ def file_of(dem: Dem, asked: Asked, plan: Plan, landscape: Landscape, form: str)
     route = Route.of_plan(plan, landscape.cost, dem, landscape.poses)
     figures = values_of(plan_facts(plan, route.facts))
     if form == "gpx":
-        via = ((f"via {number}", cell) for number, cell in enumerate(asked.via, 1))
-        stops = [("start", asked.start), *via, ("goal", asked.goal)]
-        return route.gpx("nnpp-edge view", stops)
+        return route.gpx("nnpp-edge view", [asked.start, *asked.via, asked.goal])
     return route.geopackage(figures) if form == "gpkg" else route.geojson(figures)
 
 
