@@ -60,41 +60,36 @@ def command(
     from nnpp_edge.view.landscape import likely_ends
     from nnpp_edge.view.server import PageServer
 
-    def opened(
-        path: Path, begin: End | None = None, end: End | None = None, name: Path | None = None
-    ) -> Answerer:
-        read = robot.read(path)
-        robot.warn_if_coarse(read)
-        given = _given_body(robot, read)
-        names = ("cell_size", "resample")
-        reading = [(each, getattr(robot, each)) for each in names]
-        said = {each: value for each, value in reading if value is not None}
-        site = Site.of(read, name or Path(path.name), said, given, known, model)
-        asked = Asked(
-            start=begin.one_cell(read, "--start") if begin else (0, 0),
-            goal=end.one_cell(read, "--goal") if end else (0, 0),
-            step_cost=robot.step_cost,
-            **steps,
-            limits=robot.limits(read),
-            body=robot.vehicle or POINT if given is None else GIVEN if given.vehicle else POINT,
-        )
-        answerer = Answerer(site, asked)
-        landscape = answerer.landscape(asked)  # what cannot be planned on is refused here
-        if (likely := likely_ends(landscape.cost, landscape.planner.is_passable)) is None:
-            refuse_map(read)
-        answerer.first = replace(
-            asked, start=asked.start if begin else likely[0], goal=asked.goal if end else likely[1]
-        )
-        return answerer
-
     def told(line: str) -> None:
         Answerer.notice = line
         click.echo(line, err=True)
 
     with PageServer(port) as server:
-        server.open_map = opened
         notice.tell = told
-        server.maps.append(opened(dem, start, goal, dem.resolve()))
+        read = robot.read(dem)
+        robot.warn_if_coarse(read)
+        given = _given_body(robot, read)
+        names = ("cell_size", "resample")
+        reading = [(each, getattr(robot, each)) for each in names]
+        said = {each: value for each, value in reading if value is not None}
+        site = Site.of(read, dem.resolve(), said, given, known, model)
+        asked = Asked(
+            start=start.one_cell(read, "--start") if start else (0, 0),
+            goal=goal.one_cell(read, "--goal") if goal else (0, 0),
+            step_cost=robot.step_cost,
+            **steps,
+            limits=robot.limits(read),
+            body=robot.vehicle or POINT if given is None else GIVEN if given.vehicle else POINT,
+        )
+        server.answerer = answerer = Answerer(site, asked)
+        landscape = answerer.landscape(asked)  # what cannot be planned on is refused here
+        if (likely := likely_ends(landscape.cost, landscape.planner.is_passable)) is None:
+            refuse_map(read)
+        answerer.first = replace(
+            asked,
+            start=asked.start if start else likely[0],
+            goal=asked.goal if goal else likely[1],
+        )
         if follow:
             threading.Thread(target=server.follow, daemon=True).start()
         click.echo(server.address)
