@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import click
 
 from nnpp_edge.cli import options
-from nnpp_edge.cli.ground_options import GroundOptions, Known
+from nnpp_edge.cli.ground_options import GroundOptions
 from nnpp_edge.cli.requests import PLACE, End
 from nnpp_edge.runtime.options import StepOptions
 
@@ -24,7 +24,6 @@ def command(
     robot: GroundOptions,
     steps: StepOptions,
     model: options.Model = "edge",
-    known: Known = None,
     start: Annotated[End | None, PLACE, "Initial start of the path, as for plan."] = None,
     goal: Annotated[End | None, PLACE, "As --start."] = None,
     port: Annotated[int, click.IntRange(0, 65535), "Of the page on 127.0.0.1; 0 for any."] = 8765,
@@ -43,12 +42,6 @@ def command(
     nnpp-edge view dem.tif --workload limit20
     nnpp-edge run --map dem.tif | nnpp-edge view dem.tif --follow
     """
-    if known and (
-        robot.body() is not None or robot.step_cost != "paper" or robot.resample is not None
-    ):
-        raise click.UsageError(
-            "--known plans for points: leave out --vehicle, --set, --step-cost and --resample"
-        )
     robot.limits()  # those that make no sense are refused before any work
 
     from msgspec.structs import replace
@@ -72,7 +65,7 @@ def command(
         names = ("cell_size", "resample")
         reading = [(each, getattr(robot, each)) for each in names]
         said = {each: value for each, value in reading if value is not None}
-        site = Site.of(read, dem.resolve(), said, given, known, model)
+        site = Site.of(read, dem.resolve(), said, given, model)
         asked = Asked(
             start=start.one_cell(read, "--start") if start else (0, 0),
             goal=goal.one_cell(read, "--goal") if goal else (0, 0),

@@ -119,7 +119,6 @@ class Answerer:
             "name": dem.source.name,
             "shape": dem.shape,
             "sides_m": (dem.cell_size_m, dem.cell_width_m),
-            "known": self.site.blocks[0] if self.site.blocks else 1,
             "methods": STILL,
             "step_costs": STEP_COSTS,
             "bodies": bodies,

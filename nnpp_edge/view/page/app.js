@@ -83,14 +83,12 @@ function over(cell) {
 
 fetch("/opening").then(async (answer) => opening(await answer.json()));
 
-let known = 1; // cells of a followed robot along one of the map
 function opening(site) {
   const [rows, cols] = site.shape;
   byId("name").textContent = site.name;
   document.title = `${site.name} – nnpp-edge view`;
   byId("size").textContent = `${rows} × ${cols} cells of ${Number(site.sides_m[0].toPrecision(4))} m`;
   map.open(rows, cols, site.sides_m);
-  known = site.known;
   asked = site.asked;
   controls = new Controls(site, change);
   colourRefused(site.refused.map(({ colour }) => colour));
@@ -262,7 +260,7 @@ async function follow() {
   if (live === null) return; // none is followed
   if (live.tick !== undefined) {
     if (live.start) driven.push(live.start);
-    map.live(live, driven, known);
+    map.live(live, driven);
     const ended = live.outcome === "OK" ? `by ${live.method}` : live.outcome;
     byId("following").textContent = `Robot, tick ${live.tick}: ${ended}${live.reason && `, ${live.reason}`}`;
     byId("following").hidden = false;
