@@ -12,11 +12,11 @@ if _IS_PROGRAM:  # a KeyboardInterrupt in the imports below would print a traceb
 
 import atexit
 import functools
-import io
 import os
 import sys
 import warnings
 from importlib import import_module
+from pathlib import Path
 from typing import NoReturn
 
 import click
@@ -24,7 +24,7 @@ import click
 from nnpp_edge import __version__
 from nnpp_edge.files import remove_empty_folders
 from nnpp_edge.runtime.compiled import notice
-from nnpp_edge.runtime.errors import NnppEdgeError, OutputError, import_problem
+from nnpp_edge.runtime.errors import NnppEdgeError, import_problem
 from nnpp_edge.runtime.reading import reason
 
 COMMANDS = {
@@ -118,7 +118,10 @@ def main() -> None:
     except (NnppEdgeError, click.ClickException) as error:
         _refuse(str(error))
     except OSError as error:
-        _refuse(f"{error.filename or 'a file'}: could not be read or written ({reason(error)})")
+        if error.filename is None:  # what is left for stdout would fail again at the end
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        name = error.filename or "a file or standard output"
+        _refuse(f"{name}: could not be read or written ({reason(error)})")
     except MemoryError as error:
         _refuse(f"not enough memory ({error})" if str(error) else "not enough memory")
     except ImportError as error:
@@ -147,49 +150,15 @@ def _tell(line: str) -> None:
 
 
 def _prepare_streams() -> None:
-    """Open what is closed, and replace stdout and stderr by streams whose failures do no harm.
-
-    A closed one would give its number to the next file that is opened, and what a library prints
-    would end in there. Streams that a test or another program has put in their place stay.
+    """Have streams that are closed swallow what is written, and those that cannot encode a
+    character escape it. Streams that a test or another program has put in their place stay.
     """
-    for descriptor, mode in (
-        (0, os.O_RDONLY),
-        (1, os.O_RDONLY),
-        (2, os.O_WRONLY),
-    ):  # writing to 1 then fails
-        try:
-            os.fstat(descriptor)
-        except OSError:
-            os.open(os.devnull, mode)  # gets the lowest number that is free
-    for name, descriptor in (("stdout", 1), ("stderr", 2)):
-        own = getattr(sys, f"__{name}__")
-        if (
-            getattr(sys, name) is own
-        ):  # as Python makes its own; characters that the encoding lacks are escaped
-            raw = io.BufferedWriter(_Stream(descriptor, "w", closefd=False))
-            encoding = own.encoding if own else None
-            setattr(
-                sys, name, io.TextIOWrapper(raw, encoding, "backslashreplace", line_buffering=True)
-            )
-
-
-class _Stream(io.FileIO):
-    """Takes everything, also what cannot be written; but stdout fails once: what is left in a
-    buffer not again.
-    """
-
-    _failed = False
-
-    def write(self, content: "io.ReadableBuffer", /) -> int:  # type: ignore[name-defined]
-        try:
-            return super().write(content) or 0
-        except OSError as error:
-            if self._failed or self.fileno() == 2:
-                return len(memoryview(content).cast("B"))
-            self._failed = True
-            if isinstance(error, BrokenPipeError):  # nobody reads any more
-                raise
-            raise OutputError(f"standard output could not be written ({reason(error)})") from error
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, Path(os.devnull).open("w"))  # as long as the process
+        elif stream is getattr(sys, f"__{name}__"):
+            stream.reconfigure(errors="backslashreplace")
 
 
 if _IS_PROGRAM:
