@@ -3,13 +3,12 @@
 import errno
 import fcntl
 import os
-import signal
 import stat
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, NoReturn
+from typing import IO
 
 from nnpp_edge.runtime.errors import OutputError
 from nnpp_edge.runtime.reading import reason, refused_as
@@ -63,31 +62,6 @@ def open_new(path: Path, buffering: int = -1) -> IO[bytes]:
         except FileExistsError:
             number += 1
             new = path.with_name(f"{path.stem}-{number}{path.suffix}")
-
-
-@contextmanager
-def staged(path: Path) -> Iterator[Path]:
-    """A temporary file's name beside `path`, for what is written as a stream: renamed at the end,
-    or removed.
-
-    For the main thread: SIGTERM is an error here, and ends the process. OutputError as of
-    `write_all`.
-    """
-
-    def end(number: int, frame: object) -> NoReturn:
-        raise SystemExit(128 + number)
-
-    temporary, target = _beside(path)
-    before = signal.signal(signal.SIGTERM, end)
-    try:
-        with refused_as(OutputError, f"{path}: could not be written"):
-            _is_there(path)
-            yield temporary
-            temporary.replace(target)
-    finally:
-        signal.signal(signal.SIGTERM, before)
-        with suppress(OSError):
-            temporary.unlink()
 
 
 def check_outputs(

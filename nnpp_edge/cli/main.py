@@ -156,7 +156,7 @@ def _prepare_streams() -> None:
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
         if stream is None:
-            setattr(sys, name, Path(os.devnull).open("w"))  # as long as the process
+            setattr(sys, name, Path(os.devnull).open("w"))  # noqa: SIM115  # as long as the process
         elif stream is getattr(sys, f"__{name}__"):
             stream.reconfigure(errors="backslashreplace")
 

@@ -9,7 +9,7 @@ import re
 import sys
 import warnings
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import product
 from pathlib import Path
@@ -50,8 +50,6 @@ _ASCII_HEADER = re.compile(
     re.IGNORECASE | re.MULTILINE,
 )
 _HIGHEST_OFFSET_M = 1e5
-_TILE = 512
-"""Cells to the side of a tile of a raster that is written as a stream."""
 _LEAST_CACHE_BYTES = 1 << 26
 """Of blocks that GDAL keeps for a raster read by windows; by itself it would keep a twentieth of
 the memory.
@@ -221,71 +219,28 @@ def raster_bytes(path: Path, array: npt.ArrayLike, place: Place) -> bytes:
     """
     values = unmasked(array)
     rasterio = optional_module("rasterio", f"writing {path.name}", "geo")
-    with (
-        refused_as(OutputError, f"{path}: could not be written"),
-        _quiet(rasterio),
-        rasterio.MemoryFile() as memory,
-    ):
-        with memory.open(**_geotiff(rasterio, values.shape, place.georeference)) as dataset:
-            dataset.write(values.astype(np.float32), 1)
-        return bytes(memory.read())
-
-
-@contextmanager
-def geotiff_stream(
-    path: Path,
-    shape: Shape,
-    place: Georeference | None,
-) -> Iterator[Callable[[int, Float2D], None]]:
-    """A tiled GeoTIFF to be written by bands of rows: a function that takes a band's first row and
-    its values.
-
-    At the end it is read again, as GDAL may meet a full disk in silence: OutputError where it is
-    something else.
-    """
-    rasterio = optional_module("rasterio", f"writing {path.name}", "geo")
-    options = _geotiff(rasterio, shape, place)
-    options |= {"tiled": True, "blockxsize": _TILE, "blockysize": _TILE}
-    options |= {"BIGTIFF": "IF_SAFER", "NUM_THREADS": "ALL_CPUS"}
-    written: list[tuple[tuple[Shape, Shape], int]] = []
-
-    def write(row: int, values: Float2D) -> None:
-        window = ((row, row + len(values)), (0, shape[1]))
-        dataset.write(values, 1, window=window)
-        written.append((window, zlib.crc32(values.tobytes())))
-
-    with _quiet(rasterio):
-        with rasterio.open(path, "w", **options) as dataset:
-            yield write
-        with rasterio.open(path) as back:
-            for window, checksum in written:
-                if zlib.crc32(back.read(1, window=window).tobytes()) != checksum:
-                    row = window[0][0]
-                    raise OutputError(
-                        f"{path}: could not be written (rows from {row} on are not what was "
-                        "written)"
-                    )
-
-
-def _geotiff(
-    rasterio: ModuleType,
-    shape: tuple[int, ...],
-    place: Georeference | None,
-) -> dict[str, object]:
-    """rasterio's options for a compressed float32 GeoTIFF whose unknown cells are NaN."""
+    rows, cols = values.shape
     options = {
         "driver": "GTiff",
         "compress": "deflate",
         "predictor": 3,
         "nodata": math.nan,
-        "height": shape[0],
-        "width": shape[1],
+        "height": rows,
+        "width": cols,
         "count": 1,
         "dtype": "float32",
     }
-    if place is not None:
-        options |= {"crs": place.crs, "transform": rasterio.Affine(*place.transform)}
-    return options
+    if place.georeference is not None:
+        transform = rasterio.Affine(*place.georeference.transform)
+        options |= {"crs": place.georeference.crs, "transform": transform}
+    with (
+        refused_as(OutputError, f"{path}: could not be written"),
+        _quiet(rasterio),
+        rasterio.MemoryFile() as memory,
+    ):
+        with memory.open(**options) as dataset:
+            dataset.write(values.astype(np.float32), 1)
+        return bytes(memory.read())
 
 
 def _pds_image(dataset: "DatasetReader") -> dict[str, object]:

@@ -180,7 +180,6 @@ $REACH --within-cost 3 --step-cost energy      | needs a table [mobility.energy]
 costmap hills.tif -o cost.gif                  | must end in .tif
 costmap hills.tif -o ''                        | wanted a path, got nothing
 costmap hills.tif -o pipe.npy                  | it is no plain file
-costmap hills.tif -o cost.npz --memory 1kB  | must end in .tif
 $COST --limit slope_limit_deg=95               | got 95
 $COST --limit step_limit_m=high                | wanted KEY=VALUE in TOML, such as hard_slope_deg=20
 $COST --limit "hard_slope_deg='x'"             | hard_slope_deg
