@@ -39,7 +39,7 @@ class Settings:
         str, click.Choice(["near", "path"]), "Labels: nearness to the optimum, or the best path."
     ] = "near"
     softness: Annotated[float, options.POSITIVE, "Excess at which nearness is 1/e."] = 0.02
-    validations: Annotated[int, "Over the training, for curves and best.pt."] = 20
+    validations: Annotated[int, "Over the training, for history.json and best.pt."] = 20
     patience: Annotated[
         int | None, "End after so many validations in a row that are no better than the best."
     ] = None
@@ -84,7 +84,7 @@ def command(
     """Train a network on DATASET, with AdamW as in the paper.
 
     Each validation searches real queries inside the predicted region. The run's folder gets
-    best.pt, last.pt, history.json and curves.png; the same command continues where it stopped.
+    best.pt, last.pt and history.json; the same command continues where it stopped.
     Shards that appear in DATASET meanwhile are taken at the next epoch.
 
     \b
@@ -97,7 +97,6 @@ def command(
     from nnpp_edge.terrain.dataset import GrowingSet, read_known, read_samples
     from nnpp_edge.training.checkpoint import LAST, load_checkpoint
     from nnpp_edge.training.train import TrainSettings, train
-    from nnpp_edge.viz.figures import training_curves
 
     if threads:
         torch.set_num_threads(threads)
@@ -122,7 +121,6 @@ def command(
         )
     progress = load_checkpoint(best.with_name(LAST)).progress
     history = progress.history
-    training_curves(history, output / "curves.png")
 
     def text() -> str:
         last = history[progress.best]

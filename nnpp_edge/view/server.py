@@ -98,7 +98,7 @@ class _Handler(BaseHTTPRequestHandler):
         elif self.path == "/opening":
             self._send(self.server.answerer.opening(), "application/json")
         elif self.path == "/news":
-            news = {"notice": Answerer.notice, "live": msgspec.Raw(self.server.live)}
+            news = {"notice": self.server.answerer.notice, "live": msgspec.Raw(self.server.live)}
             self._send(msgspec.json.encode(news), "application/json")
         elif file := _FILES.get(self.path):
             self._send(file.read_bytes(), mimetypes.guess_type(file)[0] or "text/plain")

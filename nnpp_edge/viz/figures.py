@@ -1,18 +1,11 @@
-"""Pictures with matplotlib: training curves, the plots of a profile's page, and what all figures
-share.
-"""
+"""Pictures with matplotlib: the plots of a profile's page, and what all figures share."""
 
 import io
-import math
 from base64 import b64encode
 from collections.abc import Callable, Iterator, Sequence
 from importlib.resources import files
-from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-import numpy as np
-
-from nnpp_edge.files import write_whole
 from nnpp_edge.profiling.compare import machine_words
 from nnpp_edge.profiling.figures import stages_of
 from nnpp_edge.profiling.inference import int8_in_words
@@ -25,19 +18,6 @@ from nnpp_edge.runtime.errors import optional_module
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.figure import Figure
-
-_PANELS = (
-    ("loss", "training loss", 1.0),
-    ("gap", "mean cost gap, %", 100.0),
-    ("success", "path inside the region, %", 100.0),
-    ("region_share", "region, % of the map", 100.0),
-)
-_FITS = (
-    ("loss", "training loss", 1.0),
-    ("rmse_mean", "error of the mean T", 1.0),
-    ("rmse_blocked", "error of the share of impassable cells", 1.0),
-    ("rmse_closed", "error of the chance that a block is closed", 1.0),
-)
 
 _TEMPLATE = "profile.html.j2"
 _WIDE = 5.2
@@ -69,9 +49,13 @@ class Panel(NamedTuple):
 
 
 def chart(lines: Sequence[Sequence[Panel]], wide: float = 5.8) -> "Figure":
-    """Lines of panels, so many inches wide, with a legend below."""
+    """Lines of panels, so many inches wide, with a legend below; MissingExtraError without
+    matplotlib.
+    """
+    kinds = optional_module("matplotlib.figure", "a figure", "viz")
     columns = max(map(len, lines))
-    figure = new_figure(wide * columns, 1.5 + 0.85 * wide * len(lines))
+    size = (wide * columns, 1.5 + 0.85 * wide * len(lines))
+    figure: Figure = kinds.Figure(figsize=size, layout="constrained")
     legend: dict[str, Artist] = {}
     for line, places in zip(
         lines, figure.subplots(len(lines), columns, squeeze=False), strict=True
@@ -97,36 +81,6 @@ def chart(lines: Sequence[Sequence[Panel]], wide: float = 5.8) -> "Figure":
         figure.legend(
             [*legend.values()], [*legend], loc="outside lower center", ncols=4, frameon=False
         )
-    return figure
-
-
-def training_curves(history: Sequence[dict[str, float]], path: Path) -> None:
-    """Loss, and what the validations found, against training steps; a dotted line at the best."""
-    steps = [row["step"] for row in history]
-    factors = {key.partition("@")[2] for key in history[0] if "@" in key}
-    best = min(history, key=lambda row: row["score"])["step"]
-    panels = []
-    for name, title, scale in _FITS if "rmse_mean" in history[0] else _PANELS:
-        keys = {name: ""}
-        if name not in history[-1]:  # one for each factor
-            largest_first = sorted(factors, key=float, reverse=True)
-            keys = {f"{name}@{factor}": f"td × {factor}" for factor in largest_first}
-        curves = []
-        for at, (key, label) in enumerate(keys.items()):
-            values = [scale * row.get(key, math.nan) for row in history]
-            curves.append(Curve(steps, values, "o-", label, f"C{at}"))
-        drawn = np.array([curve.y for curve in curves])
-        ends = [np.nanmin(drawn), np.nanmax(drawn)]
-        curves.append(Curve([best, best], ends, ":", "", "0.6"))
-        logarithmic = name in ("loss", "gap") and (np.nan_to_num(drawn) > 0.0).any()
-        panels.append(Panel(title, curves, "step", log="y" if logarithmic else ""))
-    write_whole(path, encoded(chart([panels[:2], panels[2:]])))
-
-
-def new_figure(width: float, height: float) -> "Figure":
-    """An empty figure, so many inches wide and high; MissingExtraError without matplotlib."""
-    kinds = optional_module("matplotlib.figure", "a figure", "viz")
-    figure: Figure = kinds.Figure(figsize=(width, height), layout="constrained")
     return figure
 
 

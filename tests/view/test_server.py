@@ -106,7 +106,7 @@ def test_it_tells_what_it_waits_for_while_it_plans():
             return b"{}"
 
     with PageServer(0) as running:
-        running.maps.append(slow := Slow())
+        running.answerer = slow = Slow()
         threading.Thread(target=running.serve, daemon=True).start()
         port = running.server_address[1]
         asking = threading.Thread(target=got, args=(port, "/ask", b"{}"))
