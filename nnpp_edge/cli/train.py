@@ -71,13 +71,6 @@ def command(
         float | None,
         "Minutes, about: the speed of the first 200 steps decides the number of steps.",
     ] = None,
-    make: Annotated[
-        bool,
-        (
-            "Make the shards that DATASET lacks meanwhile, by its recipe: a `nnpp-edge dataset` "
-            "that was stopped goes on here."
-        ),
-    ] = False,
     threads: Annotated[int | None, "Of torch on the CPU; by default one a core."] = None,
     as_json: options.AsJson = False,
 ) -> None:
@@ -85,7 +78,6 @@ def command(
 
     Each validation searches real queries inside the predicted region. The run's folder gets
     best.pt, last.pt and history.json; the same command continues where it stopped.
-    Shards that appear in DATASET meanwhile are taken at the next epoch.
 
     \b
     nnpp-edge train data/train --validation data/val -o runs/edge --time-limit 60
@@ -94,7 +86,7 @@ def command(
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     import torch
 
-    from nnpp_edge.terrain.dataset import GrowingSet, read_known, read_samples
+    from nnpp_edge.terrain.dataset import read_known, read_recipe, read_samples
     from nnpp_edge.training.checkpoint import LAST, load_checkpoint
     from nnpp_edge.training.train import TrainSettings, train
 
@@ -104,18 +96,18 @@ def command(
     size = input_size or preset.input_size
     unseen = preset.encoding == "unseen"
     judged_on = read_known(validation) if unseen else read_samples(validation)
-    growing = GrowingSet(dataset, known=unseen, size=size, make=make)
-    with growing, bar("train", THOUSANDTHS, quiet=True) as advance:
+    training = read_known(dataset) if unseen else read_samples(dataset, size=size)
+    with bar("train", THOUSANDTHS, quiet=True) as advance:
         best = train(
             replace(preset, sigma=sigma, input_size=size),
             TrainSettings(
                 **asdict(settings),
                 time_limit_s=60.0 * (time_limit or math.inf),
             ),
-            growing,
+            training,
             judged_on,
             output,
-            omega=growing.recipe.omega,
+            omega=read_recipe(dataset).omega,
             begin_with=begin_with,
             report=lambda share, words: advance(int(THOUSANDTHS * share), words),
         )

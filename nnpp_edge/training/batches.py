@@ -58,7 +58,7 @@ class Batches:
 
     def __init__(
         self,
-        samples: Queries | None,
+        samples: Queries,
         spec: Spec,
         settings: TrainSettings,
         *,
@@ -70,27 +70,11 @@ class Batches:
         nearness = torch.exp(-torch.arange(256) * (EXCESS_STEP / settings.softness))
         nearness[255] = 0.0
         self._nearness = nearness.to(device)
-        self.held: Held | None = None
-        if samples is not None:
-            self.extend(samples)
+        self.held = self._placed(self._of(samples))
 
     def __len__(self) -> int:
         """Batches in an epoch."""
-        return 0 if self.held is None else len(self.held.labels) // self.settings.batch
-
-    def extend(self, samples: Queries) -> None:
-        """Add samples of the same kind; the epochs that begin from now on have them, too."""
-        held = self._of(samples)
-        before = self.held
-        if before is not None:
-            held = Held(
-                torch.cat((before.maps.cpu(), held.maps)),
-                torch.cat((before.labels.cpu(), held.labels)),
-                np.concatenate([before.map_index, held.map_index + len(before.maps)]),
-                np.concatenate([before.facts, held.facts]),
-            )
-        before = self.held = None  # the device's memory is free before it is counted
-        self.held = self._placed(held)
+        return len(self.held.labels) // self.settings.batch
 
     def _of(self, samples: Queries) -> Held:
         """Samples as they are kept, on the CPU."""
@@ -136,7 +120,6 @@ class Batches:
         """The batches of an epoch from the `skip`-th on."""
         size = self.settings.batch
         held = self.held
-        assert held is not None
         at_once = max(1, _BYTES_AT_ONCE // (held.maps[0].nbytes * size))
         rng = np.random.default_rng([self.settings.seed, number])
         order = rng.permutation(len(held.labels))[: len(self) * size].reshape(-1, size)

@@ -84,8 +84,6 @@ class Progress:
     """The step at which the training ends, once that is known; `TrainSettings.steps` of that number
     repeats it.
     """
-    shards: int = 0
-    """Of a data set that grows, those that the epoch has."""
     history: list[dict[str, float]] = field(default_factory=list)
 
     @property

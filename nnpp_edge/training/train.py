@@ -17,7 +17,7 @@ from nnpp_edge.model.network import Network
 from nnpp_edge.model.registry import Spec
 from nnpp_edge.progress import ignore
 from nnpp_edge.runtime.errors import DataSetError, ModelError
-from nnpp_edge.terrain.dataset import GrowingSet, Queries
+from nnpp_edge.terrain.dataset import Queries
 from nnpp_edge.terrain.known import KnownMaps
 from nnpp_edge.training.batches import Batch, Batches
 from nnpp_edge.training.checkpoint import (
@@ -45,7 +45,7 @@ Report = Callable[[float, str], None]
 def train(
     spec: Spec,
     settings: TrainSettings,
-    training: Queries | GrowingSet,
+    training: Queries,
     validation: Queries,
     folder: Path,
     *,
@@ -60,8 +60,7 @@ def train(
     weights_only), ``best.pt`` (the running mean at the validation with the least ``score``) and
     ``history.json``. `omega` is the weight of the traversability cost per grey level, for
     validation's searches. A new run begins with the averaged weights of the checkpoint
-    `begin_with`, whose input may have another size. The two data sets are of one kind. A training
-    set that grows is looked at before each epoch; epochs are counted as of the whole set.
+    `begin_with`, whose input may have another size. The two data sets are of one kind.
 
     The run is saved every five minutes; one that was stopped goes on from there. `report` is called
     twice a second.
@@ -80,7 +79,13 @@ def train(
     run = TrainingRun(spec, settings)
     run.begin(last, begin_with)
     progress = run.progress
-    data = _Data(training, run)
+    batches = Batches(training, spec, settings, device=run.device)
+    if not len(batches):
+        raise DataSetError(
+            f"wanted at least {settings.batch} samples for one batch, got {len(training)}: make "
+            "more maps, or give a smaller --batch"
+        )
+    run.plan_steps(len(batches))
     saved = time.monotonic()
 
     def validate() -> None:
@@ -94,12 +99,11 @@ def train(
     def save() -> None:
         run.checkpoint().save(last)
 
-    data.grow()
     if not progress.history:
         validate()
         save()
     while not run.done:
-        for batch in data.batches.epoch(progress.epoch, progress.step_in_epoch):
+        for batch in batches.epoch(progress.epoch, progress.step_in_epoch):
             run.step(batch)
             run.tell(report)
             if run.validation_due:
@@ -110,47 +114,11 @@ def train(
                 saved = time.monotonic()
             if run.done:
                 break
-        if progress.step_in_epoch == len(data.batches):
+        if progress.step_in_epoch >= len(batches):
             progress.epoch += 1
             progress.step_in_epoch = 0
-            data.grow()
     save()
     return folder / BEST
-
-
-class _Data:
-    """The training's batches, and the set that they may grow from."""
-
-    def __init__(self, training: Queries | GrowingSet, run: "TrainingRun") -> None:
-        self._run = run
-        self._set = training if isinstance(training, GrowingSet) else None
-        samples = None if isinstance(training, GrowingSet) else training
-        self.batches = Batches(samples, run.spec, run.settings, device=run.device)
-
-    def grow(self) -> None:
-        """Before an epoch: take the shards that have appeared; of an epoch that was begun in
-        another call, those that it had. DataSetError where there is less than a batch.
-        """
-        progress = self._run.progress
-        growing = self._set
-        share = 1.0
-        while growing is not None:
-            if not progress.step_in_epoch:
-                progress.shards = growing.ready()
-            more = growing.read(progress.shards)
-            if more is not None:
-                self.batches.extend(more)
-            share = progress.shards / growing.recipe.shards
-            if len(self.batches) or not growing.growing():
-                break
-            time.sleep(1.0)
-        if not len(self.batches):
-            least = self._run.settings.batch
-            raise DataSetError(
-                f"wanted at least {least} samples for one batch, got fewer: make more maps, or "
-                "give a smaller --batch"
-            )
-        self._run.plan_steps(round(len(self.batches) / share))
 
 
 def keep_freed_memory() -> None:
@@ -233,7 +201,7 @@ class TrainingRun:
         return saved.average
 
     def plan_steps(self, batches_an_epoch: int) -> None:
-        """Say how many batches an epoch of the whole data set has."""
+        """Say how many batches an epoch has."""
         settings = self.settings
         self.most = min(settings.epochs * batches_an_epoch, settings.steps or sys.maxsize)
         if settings.time_limit_s == math.inf and self.progress.steps is None:
