@@ -77,7 +77,8 @@ def _lines(what: str, total: int) -> Advance:
         first, at = begun = begun or (done, now)  # what comes before it is done but once
         if done * _LINES // total > parts:
             parts = done * _LINES // total
-            told = [f"{what}: {100 * done // total} %", f"{(now - started) / 60.0:.1f} min"]
+            minutes = (now - started) / 60.0
+            told = [f"{what}: {100 * done // total} %", f"{minutes:.1f} min"]
             if first < done < total:
                 left = (now - at) * (total - done) / (done - first)
                 told.append(f"{left / 60.0:.1f} min left")

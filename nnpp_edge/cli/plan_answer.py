@@ -145,7 +145,9 @@ class Answer:
         plan = self.plan
         why = plan.choice if plan.ok else plan.reason
         found = f"{plan.method} ({plan.source})"
-        ends = [f"{at} {f'{it.cost:.6g}' if it.ok else it.status}" for at, it in self.goals]
+        ends = []
+        for goal, to_goal in self.goals:
+            ends.append(f"{goal} {to_goal.cost:.6g}" if to_goal.ok else f"{goal} {to_goal.status}")
         stages = [f"{name} {ms:.2f}" for name, ms in plan.timings_ms.items() if name != "total"]
         loading = ", loading included" if self.loading_included else ""
         lines = {

@@ -125,9 +125,10 @@ def summary(counters: "Counters") -> str:
     c = counters
     odd = {"clipped": c.patches_clipped, "rejected": c.patches_rejected, "merged": c.patches_merged}
     patches = (f"{c.patches} ({c.cells_changed} cells changed)", counted(odd))
+    tick_ms = (c.tick_ms or {}).items()
     lines = {
         **loop_lines(c),
-        "tick": ", ".join(f"{name} {ms:.2f} ms" for name, ms in (c.tick_ms or {}).items()),
+        "tick": ", ".join(f"{name} {ms:.2f} ms" for name, ms in tick_ms),
         "patches": ", ".join(filter(None, patches)) if c.patches else "",
         "memory": f"{c.rss_bytes / 1e6:.0f} MB",
     }
