@@ -147,7 +147,8 @@ class Answer:
         found = f"{plan.method} ({plan.source})"
         ends = []
         for goal, to_goal in self.goals:
-            ends.append(f"{goal} {to_goal.cost:.6g}" if to_goal.ok else f"{goal} {to_goal.status}")
+            answer = f"{to_goal.cost:.6g}" if to_goal.ok else to_goal.status
+            ends.append(f"{goal} {answer}")
         stages = [f"{name} {ms:.2f}" for name, ms in plan.timings_ms.items() if name != "total"]
         loading = ", loading included" if self.loading_included else ""
         lines = {
