@@ -1,16 +1,5 @@
 """The `nnpp-edge` command: its subcommands, imported when asked for, and how errors end."""
 
-import signal
-import threading
-
-_IS_PROGRAM = (
-    signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    and threading.current_thread() is threading.main_thread()
-)
-if _IS_PROGRAM:  # a KeyboardInterrupt in the imports below would print a traceback
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-
-import atexit
 import functools
 import os
 import sys
@@ -132,8 +121,6 @@ def main() -> None:
         _refuse(f"this needs {import_problem(package, extra, error)}")
     finally:
         remove_empty_folders()
-        # at the interpreter's end, a KeyboardInterrupt would print a traceback
-        atexit.register(signal.signal, signal.SIGINT, signal.SIG_DFL)
 
 
 def _refuse(message: str) -> NoReturn:
@@ -161,7 +148,5 @@ def _prepare_streams() -> None:
             stream.reconfigure(errors="backslashreplace")
 
 
-if _IS_PROGRAM:
-    signal.signal(signal.SIGINT, signal.default_int_handler)
 if __name__ == "__main__":
     main()

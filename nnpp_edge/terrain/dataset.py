@@ -288,12 +288,7 @@ def _shards_here(
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(workers, context, start_worker, (recipe, tiles)) as pool:
         try:
-            # processes begin with Ctrl-C held back, as it would end their imports in a traceback
-            held_back = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-            try:
-                jobs = [pool.submit(_make_here, i) for i in indices]
-            finally:
-                signal.pthread_sigmask(signal.SIG_SETMASK, held_back)
+            jobs = [pool.submit(_make_here, i) for i in indices]
             for job in as_completed(jobs):
                 yield job.result()
         except (BrokenProcessPool, MemoryError) as error:
@@ -308,7 +303,6 @@ def _shards_here(
 def start_worker(recipe: Recipe, tiles: Tiles) -> None:
     # Ctrl-C ends it at once, not after the shards that wait for it
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     global _recipe, _tiles
     _recipe = recipe
     _tiles = tiles

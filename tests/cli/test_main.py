@@ -1,44 +1,11 @@
 """The program itself: extras that are missing, help, notices to who waits, and how it ends."""
 
-import signal
-import subprocess
 import sys
 import threading
 
 from nnpp_edge.progress import bar
 from nnpp_edge.runtime.compiled import notice
 from nnpp_edge.runtime.errors import INSTALL
-
-INTERRUPTED = """
-import os, signal, sys, weakref
-
-class Compiled: pass
-
-def finalise():
-    os.kill(os.getpid(), signal.SIGINT)
-    for _ in range(1000):
-        pass
-
-kept = Compiled()
-weakref.finalize(kept, finalise)
-sys.argv = ["nnpp-edge", "--version"]
-from nnpp_edge.cli.main import main
-assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
-main()
-"""
-LISTENING = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-"""Whoever runs the tests in the background has it ignored."""
-INTERRUPTED_IMPORT = """
-import os, signal, sys
-
-class Finder:
-    def find_spec(self, name, *_):
-        if name == "nnpp_edge.runtime.reading":
-            os.kill(os.getpid(), signal.SIGINT)
-
-sys.meta_path.insert(0, Finder())
-from nnpp_edge.cli.main import main
-"""
 
 
 def test_a_missing_extra_is_named_and_why_a_package_that_is_there_fails(run, tmp_path, monkeypatch):
@@ -61,17 +28,6 @@ def test_help_and_version_succeed_and_without_a_command_the_commands_are_listed(
     assert all(run(words).code == 0 for words in ("--version", "--help", "plan --help"))
     ended = run("")
     assert ended.code == 2 and all(name in ended.err for name in ("plan", "warmup"))
-
-
-def test_ctrl_c_prints_nothing_before_the_command_begins_and_as_the_interpreter_ends():
-    for script, out in ((INTERRUPTED_IMPORT, ""), (INTERRUPTED, "nnpp-edge")):
-        ended = subprocess.run(
-            [sys.executable, "-c", LISTENING + script],
-            capture_output=True,
-            text=True,
-        )
-        assert (ended.returncode, ended.stderr) == (-signal.SIGINT, "")
-        assert ended.stdout.startswith(out)
 
 
 def test_whoever_waits_is_told_without_a_terminal_too(run, monkeypatch):
