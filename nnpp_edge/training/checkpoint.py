@@ -122,8 +122,7 @@ class Checkpoint:
     optimiser: dict[str, object]
     origin: dict[str, object] = field(default_factory=dict)
     """Where else the weights come from: ``torch`` (its version), ``threads``, ``begun_with``
-    (`facts` of the run whose weights this one began with), ``resumed_with_other_settings``,
-    ``resumed_without_optimiser``."""
+    (`facts` of the run whose weights this one began with), ``resumed_with_other_settings``."""
 
     def facts(self) -> dict[str, object]:
         """Facts that decided the weights, for a model's metadata."""

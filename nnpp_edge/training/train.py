@@ -17,6 +17,7 @@ from nnpp_edge.model.network import Network
 from nnpp_edge.model.registry import Spec
 from nnpp_edge.progress import ignore
 from nnpp_edge.runtime.errors import DataSetError, ModelError
+from nnpp_edge.runtime.reading import refused_as
 from nnpp_edge.terrain.dataset import Queries
 from nnpp_edge.terrain.known import KnownMaps
 from nnpp_edge.training.batches import Batch, Batches
@@ -145,8 +146,6 @@ class TrainingRun:
         self.optimiser = torch.optim.AdamW(
             network.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay
         )
-        self.optimiser_since = 0
-        """Step at which the optimiser was new."""
         self.validation_s = 0.0
         """Of the last validation."""
         on_gpu = self.device.type == "cuda"
@@ -190,11 +189,8 @@ class TrainingRun:
         self.network.load_state_dict(saved.network)
         self.progress = saved.progress
         self.origin = saved.origin | self.origin
-        if saved.optimiser:
+        with refused_as(ModelError, f"{path}: wanted the state of an optimiser"):
             self.optimiser.load_state_dict(saved.optimiser)
-        else:
-            self.optimiser_since = saved.progress.step
-            self.origin["resumed_without_optimiser"] = True
         if saved.settings != self.settings:
             self.origin["resumed_with_other_settings"] = True
             self.progress.steps = None
@@ -292,8 +288,7 @@ class TrainingRun:
         step = self.progress.step
         steps = self.progress.steps
         warmup = self.settings.warmup_steps
-        since_new = step - self.optimiser_since + 1
-        rate = self.settings.learning_rate * min(1.0, since_new / max(warmup, 1))
+        rate = self.settings.learning_rate * min(1.0, (step + 1) / max(warmup, 1))
         if step < warmup or steps is None:
             return rate
         cosine = math.cos(math.pi * (step - warmup) / (steps - warmup))
