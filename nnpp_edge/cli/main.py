@@ -1,6 +1,7 @@
 """The `nnpp-edge` command: its subcommands, imported when asked for, and how errors end."""
 
 import functools
+import io
 import os
 import sys
 import warnings
@@ -146,6 +147,21 @@ def _prepare_streams() -> None:
             setattr(sys, name, Path(os.devnull).open("w"))  # noqa: SIM115  # as long as the process
         elif stream is getattr(sys, f"__{name}__"):
             stream.reconfigure(errors="backslashreplace")
+            if name == "stderr":
+                raw = io.BufferedWriter(_Log(2, "w", closefd=False))
+                sys.stderr = io.TextIOWrapper(
+                    raw, stream.encoding, "backslashreplace", line_buffering=True
+                )
+
+
+class _Log(io.FileIO):
+    """Takes what cannot be written, too: a disk that is full under a log ends nothing."""
+
+    def write(self, content: "io.ReadableBuffer", /) -> int:  # type: ignore[name-defined]
+        try:
+            return super().write(content) or 0
+        except OSError:
+            return len(memoryview(content).cast("B"))
 
 
 if __name__ == "__main__":
