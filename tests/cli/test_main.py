@@ -47,13 +47,13 @@ def test_what_takes_a_second_is_told_once_and_what_does_not_is_not(monkeypatch):
     assert heard == ["a wait"]
 
 
-def test_the_time_left_is_by_what_was_done_since_the_first_of_it(monkeypatch, capsys):
+def test_a_log_is_told_how_much_is_done_and_since_when(monkeypatch, capsys):
     clock = iter([0.0, 600.0, 606.0])
     monkeypatch.setattr("nnpp_edge.progress.time.monotonic", lambda: next(clock))
     with bar("compare", 100) as advance:
         advance(10)
         advance(20)
-    assert capsys.readouterr().err.splitlines()[-1] == "compare: 20 %, 10.1 min, 0.8 min left"
+    assert capsys.readouterr().err.splitlines()[-1] == "compare: 20 %, 10.1 min"
 
 
 def test_who_waits_longer_is_told_again_with_the_time(monkeypatch):
