@@ -2,7 +2,7 @@
 
 import json
 import sys
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -142,14 +142,9 @@ def _ground(path: Path, robot: GroundOptions) -> "Ground":
 
     if (found := read_cost_map(path)) is None:
         return robot.of(robot.read(path))
-    context = click.get_current_context()
-    default = click.core.ParameterSource.DEFAULT
-    of_grounds = {field.name for field in fields(GroundOptions)}
-    wrong = [
-        each.opts[0]
-        for each in context.command.params
-        if each.name in of_grounds and context.get_parameter_source(each.name) is not default
-    ]
-    if wrong:
-        raise click.UsageError(f"{path.name} holds costs: {wrong[0]} needs elevations")
+    if robot != GroundOptions():
+        raise click.UsageError(
+            f"{path.name} holds costs: limits, a vehicle and other options of the ground need "
+            "elevations"
+        )
     return Ground(found[0], cell_size_m=found[1])

@@ -94,7 +94,7 @@ $SMALL --memory much                           | a size such as 2GB
 plan nothing.tif --memory 1kB --workload limit20 --start 1,1 --goal 2,2 | so is all around it
 plan bare.tif --memory 1kB --start 1,1 --goal 2,2 | no cell size in the file
 plan grid.asc --memory 1kB --start 1,1 --goal 2,2 | stored as text | gdal_translate
-run --map cost.npz --ticks 1 --vehicle small-rover | holds costs: --vehicle needs elevations
+run --map cost.npz --ticks 1 --vehicle small-rover | holds costs: limits, a vehicle
 run --map hills.npz --set radius_m=2 --set turning_radius_m=6 | turning_radius_m needs --refine any-angle
 run --map hills.npz --loop cores=x             | cores
 run --map hills.npz --loop speed=3             | speed is unknown: wanted one of rate_hz, method

@@ -257,7 +257,7 @@ def test_a_cost_map_is_understood_as_one(replayed, tmp_path):
     np.savez(tmp_path / "cost.npz", cost=np.full(SHAPE, 0.3, np.float32), cell_size_m=2.0)
     assert replayed(tmp_path / "cost.npz", *QUICK).json["planned"] == 3
     refused = replayed(tmp_path / "cost.npz", "--workload", "limit20")
-    refused.refused("cost.npz holds costs: --workload needs elevations")
+    refused.refused("cost.npz holds costs: limits, a vehicle")
 
 
 @pytest.mark.parametrize("given", [("tobler",), ("energy", "--mobility", "large-rover")])
