@@ -11,12 +11,11 @@ val=$2
 out=$3
 
 one() { # NAME "OPTIONS OF ITS DATA SETS" OPTIONS OF ITS TRAINING...
-    # the data set is begun here for a minute; the rest is made while the network is trained
-    timeout -s INT 60 nnpp-edge dataset "$train"/*.tif -o "$out/$1-set" --maps "${MAPS:-70000}" \
-        --seed 1 --synthetic-share 0.05 $2 || [ $? = 124 ]
+    nnpp-edge dataset "$train"/*.tif -o "$out/$1-set" --maps "${MAPS:-70000}" \
+        --seed 1 --synthetic-share 0.05 $2
     nnpp-edge dataset "$val"/*.tif -o "$out/$1-val" --maps 128 --seed 2 --synthetic-share 0 $2
     nnpp-edge train "$out/$1-set" --validation "$out/$1-val" -o "$out/$1" --architecture "$1" \
-        --make --batch "${BATCH:-256}" --time-limit "${MINUTES:-10}" "${@:3}"
+        --batch "${BATCH:-256}" --time-limit "${MINUTES:-10}" "${@:3}"
     nnpp-edge export "$out/$1/best.pt" -o "$out/$1.onnx" --dataset "$out/$1-set"
 }
 

@@ -3,16 +3,15 @@
 import errno
 import fcntl
 import os
-import signal
 import stat
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, NoReturn
+from typing import IO
 
 from nnpp_edge.runtime.errors import OutputError
-from nnpp_edge.runtime.reading import parse, read_text, reason, refused_as
+from nnpp_edge.runtime.reading import reason, refused_as
 
 Content = bytes | memoryview
 _made: list[Path] = []
@@ -24,12 +23,12 @@ def write_whole(path: Path, content: Content) -> None:
     write_all({path: content})
 
 
-def write_all(contents: Mapping[Path, Content], older: Iterable[Path] = ()) -> None:
+def write_all(contents: Mapping[Path, Content]) -> None:
     """Put each content at its path: all or none, by way of temporary files beside them and then
     renames.
 
-    A reader finds the old file or the whole new one. Links are followed. `older` files are removed
-    once the new ones are complete. OutputError where one could not be written, or is no plain file.
+    A reader finds the old file or the whole new one. Links are followed. OutputError where one
+    could not be written, or is no plain file.
     """
     waiting: list[tuple[Path, Path]] = []
     path = Path()
@@ -40,8 +39,6 @@ def write_all(contents: Mapping[Path, Content], older: Iterable[Path] = ()) -> N
             waiting.append((temporary, target))
             with temporary.open("xb") as file:
                 file.write(content)
-        for path in older:
-            path.unlink(missing_ok=True)
         for temporary, path in waiting:
             temporary.replace(path)
     except (OSError, ValueError) as error:
@@ -51,17 +48,6 @@ def write_all(contents: Mapping[Path, Content], older: Iterable[Path] = ()) -> N
         for temporary, _ in waiting:
             with suppress(OSError):  # it has been renamed, or its folder is none
                 temporary.unlink()
-
-
-def older_outputs(record: Path) -> list[Path]:
-    """The files beside a command's `record`, JSON, that it lists as written with it; none without a
-    record.
-    """
-    try:
-        files = parse(read_text(record))["files"]
-        return [record.with_name(Path(name).name) for name in files]
-    except (OSError, ValueError, LookupError, TypeError):  # there is none, or not the command's
-        return []
 
 
 def open_new(path: Path, buffering: int = -1) -> IO[bytes]:
@@ -76,31 +62,6 @@ def open_new(path: Path, buffering: int = -1) -> IO[bytes]:
         except FileExistsError:
             number += 1
             new = path.with_name(f"{path.stem}-{number}{path.suffix}")
-
-
-@contextmanager
-def staged(path: Path) -> Iterator[Path]:
-    """A temporary file's name beside `path`, for what is written as a stream: renamed at the end,
-    or removed.
-
-    For the main thread: SIGTERM is an error here, and ends the process. OutputError as of
-    `write_all`.
-    """
-
-    def end(number: int, frame: object) -> NoReturn:
-        raise SystemExit(128 + number)
-
-    temporary, target = _beside(path)
-    before = signal.signal(signal.SIGTERM, end)
-    try:
-        with refused_as(OutputError, f"{path}: could not be written"):
-            _is_there(path)
-            yield temporary
-            temporary.replace(target)
-    finally:
-        signal.signal(signal.SIGTERM, before)
-        with suppress(OSError):
-            temporary.unlink()
 
 
 def check_outputs(

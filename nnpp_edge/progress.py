@@ -66,22 +66,17 @@ def bar(what: str, total: int, *, quiet: bool = False) -> Iterator[Advance]:
 
 
 def _lines(what: str, total: int) -> Advance:
-    """Write progress to a log: `train: 35 %, 12.0 min, 22.3 min left`, and the words."""
+    """Write progress to a log: `train: 35 %, 12.0 min`, and the words."""
     parts = 0
-    begun: tuple[int, float] | None = None
     started = time.monotonic()
 
     def advance(done: int, words: str = "", /) -> None:
-        nonlocal parts, begun
-        now = time.monotonic()
-        first, at = begun = begun or (done, now)  # what comes before it is done but once
+        nonlocal parts
         if done * _LINES // total > parts:
             parts = done * _LINES // total
-            told = [f"{what}: {100 * done // total} %", f"{(now - started) / 60.0:.1f} min"]
-            if first < done < total:
-                left = (now - at) * (total - done) / (done - first)
-                told.append(f"{left / 60.0:.1f} min left")
-            click.echo(", ".join([*told, words] if words else told), err=True)
+            minutes = (time.monotonic() - started) / 60.0
+            told = f"{what}: {100 * done // total} %, {minutes:.1f} min"
+            click.echo(f"{told}, {words}" if words else told, err=True)
 
     return advance
 

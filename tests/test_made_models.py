@@ -191,7 +191,7 @@ def train(made, tmp_path, monkeypatch):
     monkeypatch.setattr(of, "Network", MagicMock())
     monkeypatch.setattr(of, "Batches", lambda *_, **__: batches)
     monkeypatch.setattr(of, "keep_freed_memory", lambda: None)
-    monkeypatch.setattr(of.TrainingProcess, "_loss", MagicMock())
+    monkeypatch.setattr(of.TrainingRun, "_loss", MagicMock())
 
     def train(scores, **settings):
         saved = {"best.pt": [], "last.pt": []}

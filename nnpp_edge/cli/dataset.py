@@ -95,8 +95,7 @@ def command(
     if held_out and not validation_share:
         raise click.UsageError("--held-out uses what --validation-share leaves out: give that, too")
     from nnpp_edge.progress import bar
-    from nnpp_edge.terrain.dataset import make_dataset, read_known
-    from nnpp_edge.terrain.known import fitted_slope
+    from nnpp_edge.terrain.dataset import make_dataset
     from nnpp_edge.terrain.shards import Recipe
 
     kind: dict[str, object] = dict(_PAPERS) if papers_maps else {}
@@ -126,10 +125,5 @@ def command(
     with bar("shards", recipe.shards) as advance:
         counts = make_dataset(recipe, output, workers=workers, progress=advance)
     words = "{folder}: {shards} of {of} shards, {maps} maps, {queries} queries"
-    if known:
-        counts |= fitted_slope(read_known(output))._asdict()
-        words += (
-            "\nby the slope T is {floor:g} + {gain:g} × its share of the limit, spread {spread:g}"
-        )
     told = counts | {"folder": str(output)}
     tell(as_json, told, lambda: words.format(**told))

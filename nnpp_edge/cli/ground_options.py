@@ -278,11 +278,8 @@ class GroundOptions(VehicleOptions, TerrainOptions):
         side = max(dem.cell_size_m, dem.cell_width_m)
         if body.length_m >= _CELLS_A_BODY * side:
             return
-        from nnpp_edge.cli.maps import highest_kerb
         from nnpp_edge.terrain.dem import MOST_RESAMPLED
 
-        kerb = highest_kerb(body, side)
-        passes = f", and a kerb of up to {kerb:.3g} m passes as a ramp" if kerb else ""
         finest = _ROUNDED_UP * dem.cell_size_m * math.sqrt(math.prod(dem.shape) / MOST_RESAMPLED)
         finer = max(body.length_m / _RESAMPLED * dem.cell_size_m / side, finest)
         if body.length_m < _LEAST_CELLS_A_BODY * side:
@@ -294,7 +291,8 @@ class GroundOptions(VehicleOptions, TerrainOptions):
         size = f"{body.length_m:g} × {body.width_m:g} m"
         warnings.warn(
             f"cells of {side:.4g} m are coarse for a body of {size} with a step limit of "
-            f"{body.step_m:g} m: a rock narrower than a cell is not seen{passes}; {advice}",
+            f"{body.step_m:g} m: a rock narrower than a cell is not seen, and a kerb is taken "
+            f"for a ramp as long as a cell; {advice}",
             stacklevel=2,
         )
 

@@ -1,22 +1,12 @@
 """The `nnpp-edge` command: its subcommands, imported when asked for, and how errors end."""
 
-import signal
-import threading
-
-_IS_PROGRAM = (
-    signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    and threading.current_thread() is threading.main_thread()
-)
-if _IS_PROGRAM:  # a KeyboardInterrupt in the imports below would print a traceback
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-
-import atexit
 import functools
 import io
 import os
 import sys
 import warnings
 from importlib import import_module
+from pathlib import Path
 from typing import NoReturn
 
 import click
@@ -24,7 +14,7 @@ import click
 from nnpp_edge import __version__
 from nnpp_edge.files import remove_empty_folders
 from nnpp_edge.runtime.compiled import notice
-from nnpp_edge.runtime.errors import NnppEdgeError, OutputError, import_problem
+from nnpp_edge.runtime.errors import NnppEdgeError, import_problem
 from nnpp_edge.runtime.reading import reason
 
 COMMANDS = {
@@ -51,10 +41,9 @@ COMMANDS = {
 _EXTRAS = {
     "geo": ("rasterio",),
     "ros": ("rclpy",),
-    "robot": ("mcap", "prometheus_client", "zenoh"),
+    "robot": ("mcap", "zenoh"),
     "vector": ("pyogrio", "pyproj"),
     "train": ("torch", "onnx", "onnxscript", "safetensors"),
-    "rerun": ("rerun",),
     "viz": ("jinja2", "matplotlib", "PIL"),
 }
 """Packages that the onboard install lacks, by the extra that brings them."""
@@ -119,7 +108,10 @@ def main() -> None:
     except (NnppEdgeError, click.ClickException) as error:
         _refuse(str(error))
     except OSError as error:
-        _refuse(f"{error.filename or 'a file'}: could not be read or written ({reason(error)})")
+        if error.filename is None:  # what is left for stdout would fail again at the end
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        name = error.filename or "a file or standard output"
+        _refuse(f"{name}: could not be read or written ({reason(error)})")
     except MemoryError as error:
         _refuse(f"not enough memory ({error})" if str(error) else "not enough memory")
     except ImportError as error:
@@ -130,8 +122,6 @@ def main() -> None:
         _refuse(f"this needs {import_problem(package, extra, error)}")
     finally:
         remove_empty_folders()
-        # at the interpreter's end, a KeyboardInterrupt would print a traceback
-        atexit.register(signal.signal, signal.SIGINT, signal.SIG_DFL)
 
 
 def _refuse(message: str) -> NoReturn:
@@ -148,52 +138,31 @@ def _tell(line: str) -> None:
 
 
 def _prepare_streams() -> None:
-    """Open what is closed, and replace stdout and stderr by streams whose failures do no harm.
-
-    A closed one would give its number to the next file that is opened, and what a library prints
-    would end in there. Streams that a test or another program has put in their place stay.
+    """Have streams that are closed swallow what is written, and those that cannot encode a
+    character escape it. Streams that a test or another program has put in their place stay.
     """
-    for descriptor, mode in (
-        (0, os.O_RDONLY),
-        (1, os.O_RDONLY),
-        (2, os.O_WRONLY),
-    ):  # writing to 1 then fails
-        try:
-            os.fstat(descriptor)
-        except OSError:
-            os.open(os.devnull, mode)  # gets the lowest number that is free
-    for name, descriptor in (("stdout", 1), ("stderr", 2)):
-        own = getattr(sys, f"__{name}__")
-        if (
-            getattr(sys, name) is own
-        ):  # as Python makes its own; characters that the encoding lacks are escaped
-            raw = io.BufferedWriter(_Stream(descriptor, "w", closefd=False))
-            encoding = own.encoding if own else None
-            setattr(
-                sys, name, io.TextIOWrapper(raw, encoding, "backslashreplace", line_buffering=True)
-            )
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, Path(os.devnull).open("w"))  # noqa: SIM115  # as long as the process
+        elif stream is getattr(sys, f"__{name}__"):
+            stream.reconfigure(errors="backslashreplace")
+            if name == "stderr":
+                raw = io.BufferedWriter(_Log(2, "w", closefd=False))
+                sys.stderr = io.TextIOWrapper(
+                    raw, stream.encoding, "backslashreplace", line_buffering=True
+                )
 
 
-class _Stream(io.FileIO):
-    """Takes everything, also what cannot be written; but stdout fails once: what is left in a
-    buffer not again.
-    """
-
-    _failed = False
+class _Log(io.FileIO):
+    """Takes what cannot be written, too: a disk that is full under a log ends nothing."""
 
     def write(self, content: "io.ReadableBuffer", /) -> int:  # type: ignore[name-defined]
         try:
             return super().write(content) or 0
-        except OSError as error:
-            if self._failed or self.fileno() == 2:
-                return len(memoryview(content).cast("B"))
-            self._failed = True
-            if isinstance(error, BrokenPipeError):  # nobody reads any more
-                raise
-            raise OutputError(f"standard output could not be written ({reason(error)})") from error
+        except OSError:
+            return len(memoryview(content).cast("B"))
 
 
-if _IS_PROGRAM:
-    signal.signal(signal.SIGINT, signal.default_int_handler)
 if __name__ == "__main__":
     main()

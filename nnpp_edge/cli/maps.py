@@ -3,9 +3,7 @@ begin on a cell.
 """
 
 import json
-import math
 import warnings
-from bisect import bisect_left
 from contextlib import suppress
 from dataclasses import replace
 from itertools import product
@@ -17,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.progress import bar
-from nnpp_edge.runtime import Ground, Planner, Vehicle
+from nnpp_edge.runtime import Ground, Planner
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, nearest, slices, widened
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, NnppEdgeError, Status
@@ -38,10 +36,6 @@ from nnpp_edge.viz.picture import Chart
 
 _MOST_UNEQUAL_SIDES = 0.05
 """Cells whose sides differ by more than this share are warned of."""
-_KERBS = (1000, 8, 2, 1)
-"""Directions of kerbs that are tried: columns that one goes on by in a row."""
-_RISES = 1.01 ** np.arange(1000.0)
-"""Heights of kerbs that are tried, over the step limit."""
 _AROUND = 64
 """Cells around an impassable end that are tried for a passable one."""
 
@@ -75,29 +69,6 @@ def warn_if_not_square(place: Place) -> None:
             "but the search treats cells as square",
             stacklevel=2,
         )
-
-
-def highest_kerb(vehicle: Vehicle, side_m: float) -> float:
-    """Metres from which on the check refuses a straight kerb on square cells of this side; 0 where
-    that is within the vehicle's step limit.
-
-    Between the cells' middles the ground is bilinear: a kerb is a ramp as long as a cell. On cells
-    of twice its length a body stands on it as on a slope, and what counts is its tilt.
-    """
-    if side_m > 2.0 * vehicle.length_m:
-        return side_m * math.tan(math.radians(vehicle.max_tilt_deg))
-    first = math.ceil(vehicle.reach_m / side_m) + 4
-    row, col = np.mgrid[: 7 * first, : 7 * first] - 7 * first // 2
-    ends = (first, first), (6 * first, 6 * first)
-
-    def refuses(height: float) -> bool:
-        grounds = (np.where(down * row + col < 0, 0.0, height) for down in _KERBS)
-        planners = (Planner.of_elevation(each, side_m, vehicle=vehicle) for each in grounds)
-        return not any(planner.plan(*ends, method="astar").ok for planner in planners)
-
-    heights = vehicle.step_m * _RISES
-    at = bisect_left(heights, True, key=refuses)
-    return float(heights[at]) if at else 0.0
 
 
 def cost_of(dem: Dem, limits: Traversability) -> Float2D:

@@ -318,11 +318,6 @@ def check_outputs(
     check_outputs(outputs, _paths([*read, *more_inputs]), make_folders=make_folders)
 
 
-def view_file(view: str | None) -> Path | None:
-    """The file that --view asks for."""
-    return Path(view) if view is not None and view.endswith(".rrd") else None
-
-
 def _paths(values: Iterable[object]) -> Iterator[Path]:
     """Those among an option's values, and in its lists."""
     for value in values:

@@ -8,10 +8,10 @@ import click
 
 from nnpp_edge.cli import options
 from nnpp_edge.cli.ground_options import GroundOptions
-from nnpp_edge.cli.outputs import chosen
-from nnpp_edge.cli.requests import FIGURES, PLAN_FORMATS, PlanRequest
+from nnpp_edge.cli.requests import FORMATS, PlanRequest
 from nnpp_edge.cli.text import tell
 from nnpp_edge.runtime.compiled.notice import told_if_slow
+from nnpp_edge.runtime.errors import optional_module
 from nnpp_edge.runtime.options import PlanOptions, StepOptions
 
 _FILES = ("path.geojson", "path.csv", "plan.png", "plan.json")
@@ -34,10 +34,7 @@ def command(
         Path | None,
         "-o",
         options.PATH,
-        (
-            "Folder for path.geojson, path.csv, plan.png and plan.json; other files that an "
-            "earlier plan wrote there are removed."
-        ),
+        "Folder for path.geojson, path.csv, plan.png and plan.json.",
     ] = None,
     memory: options.Memory = None,
     as_json: options.AsJson = False,
@@ -67,7 +64,15 @@ def command(
     nnpp-edge plan dem.tif --start 20,30 --goal 380,360 --workload limit20 -o plan
     """
     robot.limits()  # those that make no sense are refused before any work
-    paths, older = chosen(output, _FILES, PLAN_FORMATS, request.formats, request.files)
+    if request.formats and output is None:
+        raise click.UsageError("--format needs -o")
+    for name in request.formats:
+        module, extra = FORMATS[name]
+        optional_module(module, f"--format {name}", extra)
+    names = [*_FILES, *(f"path.{name}" for name in dict.fromkeys(request.formats))]
+    paths = [] if output is None else [output / name for name in names]
+    outputs = [("--output", path) for path in paths]
+    options.check_outputs(*outputs, more_inputs=request.files, make_folders=True)
 
     with told_if_slow("loading the package"):
         from nnpp_edge.cli.maps import reads_by_windows
@@ -79,7 +84,7 @@ def command(
     per_cell = (
         _BYTES_PER_CELL + (body.bytes_per_cell if body else 0) + DIRECTED_BYTES_PER_CELL * directed
     )
-    whole = directed or body is not None or any(name in FIGURES for name in request.formats)
+    whole = directed or body is not None
     large = request.crop is None and reads_by_windows(dem, memory, per_cell, whole=whole)
     answer = plan_on(
         request, query, steps, dem, robot, model=model, drawn=output is not None, large=large
@@ -92,7 +97,7 @@ def command(
             stacklevel=2,
         )
     with told_if_slow("drawing and writing"):
-        files = answer.save(paths, older)
+        files = answer.save(paths)
     tell(as_json, answer.figures(files), lambda: answer.text(files))
     if not answer.plan.ok:
         click.get_current_context().exit(1)

@@ -5,7 +5,6 @@ import math
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-from itertools import pairwise
 from math import isfinite
 from pathlib import Path
 
@@ -17,8 +16,7 @@ from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.planners.tour import Tour
 from nnpp_edge.runtime.robots.slope.cost import unit_of
 from nnpp_edge.terrain.facts import Fact, lines_of, plan_facts, values_of
-from nnpp_edge.terrain.route import Facts, Leg, Route
-from nnpp_edge.terrain.styles import LINE_STYLE
+from nnpp_edge.terrain.route import Route
 from nnpp_edge.viz.picture import Reached, png_bytes
 from nnpp_edge.viz.sheet import Picture
 
@@ -37,10 +35,8 @@ class Answer:
     plan: Plan
     route: Route
     picture: Callable[[], Picture]
-    figure: Callable[[Sequence[tuple[str, Cell]], str], bytes]
-    """Makes the figure for a paper, of the stops with their names, of a kind such as ``.pdf``."""
-    stops: Sequence[tuple[str, Cell]]
-    """Start, the places between in the order of visits, and goal, with their names."""
+    stops: Sequence[Cell]
+    """Start, the places between in the order of visits, and goal."""
     goals: Sequence[tuple[Cell, Plan]] = ()
     """Where several goals were given: each with its plan, the nearest first."""
     compared: Sequence[Row] = ()
@@ -103,8 +99,8 @@ class Answer:
             **plan.summary(),
             **values_of(self.facts),
             "loading_included": self.loading_included,
-            "start": self.stops[0][1],
-            "goal": self.stops[-1][1],
+            "start": self.stops[0],
+            "goal": self.stops[-1],
             **size_of(self.route.dem),
         }
         if isfinite(self.hard_slope_deg):
@@ -149,7 +145,10 @@ class Answer:
         plan = self.plan
         why = plan.choice if plan.ok else plan.reason
         found = f"{plan.method} ({plan.source})"
-        ends = [f"{at} {f'{it.cost:.6g}' if it.ok else it.status}" for at, it in self.goals]
+        ends = []
+        for goal, to_goal in self.goals:
+            answer = f"{to_goal.cost:.6g}" if to_goal.ok else to_goal.status
+            ends.append(f"{goal} {answer}")
         stages = [f"{name} {ms:.2f}" for name, ms in plan.timings_ms.items() if name != "total"]
         loading = ", loading included" if self.loading_included else ""
         lines = {
@@ -197,26 +196,11 @@ class Answer:
         least = f" (no path costs less than {self.plan.lower_bound:.6g})" if bounded else ""
         return f"{self.plan.optimality}{least}"
 
-    def save(self, paths: list[Path], older: list[Path]) -> list[str]:
-        """Write all files in place of the older ones, or none; their names."""
+    def save(self, paths: list[Path]) -> list[str]:
+        """Write all files, or none; their names."""
         files = [str(path) for path in paths]
-        write_all({path: self._content(path, files) for path in paths}, older)
+        write_all({path: self._content(path, files) for path in paths})
         return files
-
-    def _geopackage(self) -> bytes:
-        """The path, its stops and its legs."""
-        roles = ["start", *["via"] * (len(self.stops) - 2), "goal"]
-        stations: list[tuple[Cell, Facts]] = []
-        for (name, (row, col)), role in zip(self.stops, roles, strict=True):
-            stations.append(((row, col), {"name": name, "role": role, "row": row, "col": col}))
-        legs: list[Leg] = []
-        ends = pairwise(name for name, _ in self.stops)
-        plans = self.tour.legs if self.tour else (self.plan,)
-        for number, (leg, (begin, end)) in enumerate(zip(plans, ends, strict=False), 1):
-            facts = {"leg": number, "from": begin, "to": end} | values_of(plan_facts(leg))
-            if leg.along is not None and len(leg.path) > 1:
-                legs.append((leg.along, facts))
-        return self.route.geopackage(values_of(self.facts), stations, legs)
 
     def _content(self, path: Path, files: list[str]) -> bytes:
         """The content of a file, by its name."""
@@ -226,10 +210,7 @@ class Answer:
             "path.csv": route.csv,
             "plan.json": lambda: json.dumps(self.figures(files), indent=1).encode(),
             "plan.png": lambda: png_bytes(self.picture()),
-            "path.gpkg": self._geopackage,
-            "path.qml": lambda: LINE_STYLE.encode(),
+            "path.gpkg": lambda: route.geopackage(values_of(self.facts)),
             "path.gpx": lambda: route.gpx("nnpp-edge plan", self.stops),
         }
-        if path.stem == "figure":
-            return self.figure(self.stops, path.suffix)
         return makers[path.name]()

@@ -196,18 +196,11 @@ def plan_on(
             reached=ended,
         )
 
-    def figure(stops: Sequence[tuple[str, Cell]], kind: str) -> bytes:
-        from nnpp_edge.viz.plan_figure import plan_figure
-
-        assert plan.along is not None and cost is not None
-        return plan_figure(chart_of(dem, cost), dem, plan.along, stops, kind)
-
     return Answer(
         plan,
         route,
         picture,
-        figure,
-        list(zip(_names(request, dem, tour), stops, strict=True)),
+        stops,
         goals=ranked if len(ranked) > 1 else (),
         compared=compared,
         loading_included=not request.compare and "time_limit_s" not in query,
@@ -277,15 +270,6 @@ def _on_the_ground(plan: Plan, ground: Ground) -> Plan:
     assert ground.elevation is not None
     along = Along.of(plan.line, ground.elevation, ground.sides_m, ground.mobility)
     return replace(plan, along=along)
-
-
-def _names(request: PlanRequest, place: Place, tour: Tour | None) -> list[str]:
-    """Of the stops, from start to goal."""
-    via = [name for end in request.via for name in end.names(place)]
-    between = [via[at] or f"via {at + 1}" for at in tour.order] if tour else []
-    (start,) = request.start.names(place)
-    goals = [name for end in request.goals for name in end.names(place)]
-    return [start or "start", *between, (goals[0] if len(goals) == 1 else "") or "goal"]
 
 
 def _compare(plan_by: Callable[[Method], Plan], plan: Plan) -> tuple[Plan, list[Row], Plan]:

@@ -10,7 +10,6 @@ import click
 
 from nnpp_edge.cli import options
 from nnpp_edge.cli.ground_options import GroundOptions
-from nnpp_edge.cli.outputs import Format, chosen
 from nnpp_edge.cli.requests import Start
 from nnpp_edge.cli.text import aligned, tell
 from nnpp_edge.runtime.compiled.notice import told_if_slow
@@ -21,7 +20,6 @@ if TYPE_CHECKING:
     from nnpp_edge.runtime.map.ground import Ground
 
 _FILES = ("reach.tif", "reach.geojson", "reach.png", "reach.json")
-_FORMATS = {"gpkg": Format(("reach.gpkg",), "pyogrio", "vector")}
 _SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0}
 _JOULES = {"J": 1.0, "kJ": 1e3, "MJ": 1e6, "Wh": 3600.0, "kWh": 3.6e6}
 _IN_SECONDS = ("time", "tobler", "irmischer")
@@ -83,13 +81,6 @@ def command(
         options.PATH,
         "Folder for reach.tif, reach.geojson, reach.png, reach.json.",
     ] = None,
-    formats: Annotated[
-        tuple[str, ...],
-        "--format",
-        click.Choice(list(_FORMATS)),
-        options.MANY,
-        "Also write reach.gpkg, the areas as a GeoPackage.",
-    ] = (),
     as_json: options.AsJson = False,
 ) -> None:
     """Show what can be reached on the elevation map DEM from a place, within a cost, a time or an
@@ -105,8 +96,10 @@ def command(
     measure, most = _limit(robot, cost=within_cost, time=within_time, energy=within_energy)
     if output is not None:
         optional_module("rasterio", "--output", "geo")
+    paths = [] if output is None else [output / name for name in _FILES]
+    outputs = [("--output", path) for path in paths]
     read = [] if start.file is None else [start.file]
-    paths, older = chosen(output, _FILES, _FORMATS, formats, read)
+    options.check_outputs(*outputs, more_inputs=read, make_folders=True)
 
     from dataclasses import replace
 
@@ -119,7 +112,6 @@ def command(
     from nnpp_edge.runtime.robots.slope.cost import unit_of
     from nnpp_edge.terrain.rasters import raster_bytes
     from nnpp_edge.terrain.route import Reach
-    from nnpp_edge.terrain.vectors import geopackage_bytes
     from nnpp_edge.viz.picture import png_bytes, reach_picture
 
     with told_if_slow(f"reading {dem}"):
@@ -144,15 +136,13 @@ def command(
     if paths:
         figures["files"] = files
         bands = list(zip(shares, within, strict=True))
-        areas = found.geojson()
         contents = [
             raster_bytes(paths[0], found.raster(), terrain),
-            areas,
+            found.geojson(),
             png_bytes(reach_picture(chart_of(terrain, cost), found.field, bands, cell)),
             json.dumps(figures, indent=1).encode(),
-            *([geopackage_bytes({"areas": areas})] if formats else []),
         ]
-        write_all(dict(zip(paths, contents, strict=True)), older)
+        write_all(dict(zip(paths, contents, strict=True)))
     lines: dict[str, object] = {"map": size_in_words(terrain), "start": cell}
     if measure == "time":
         of_vehicle = step_cost == "time"

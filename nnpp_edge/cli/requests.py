@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 import click
 
 from nnpp_edge.cli.options import MANY, Parsed
-from nnpp_edge.cli.outputs import Format
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.cells import Cell
@@ -29,8 +28,6 @@ class End(NamedTuple):
     """
     file: Path | None = None
     """The vector file, if it is one."""
-    names: "Callable[[Place], list[str]]" = lambda place: [""]
-    """Of the cells, as the layer has them; empty where it has none."""
 
     def one_cell(self, place: "Place", option: str) -> "Cell":
         """The cell below; InvalidQueryError where the layer has another number of points."""
@@ -56,9 +53,8 @@ def _end(word: str) -> End:
 
     if "," in word or not word:
         raise ValueError
-    return End(
-        partial(_below_layer, word), named_file(word)[0], partial(_names_of, word)
-    )  # VectorFileError, a ValueError, where there is none
+    # VectorFileError, a ValueError, where there is none
+    return End(partial(_below_layer, word), named_file(word)[0])
 
 
 def _below_lonlat(place: "Place", at: tuple[float, float]) -> "list[Cell]":
@@ -79,25 +75,14 @@ def _below_layer(word: str, place: "Place") -> "list[Cell]":
     return [place.cell_of(x, y) for x, y in points.places.tolist()]
 
 
-def _names_of(word: str, place: "Place") -> list[str]:
-    """The names of a layer's points."""
-    from nnpp_edge.terrain.vectors import points_of
-
-    return points_of(word, place).names
-
-
 PLACE = Parsed(
     "PLACE", "ROW,COL as two whole numbers, xy:X,Y, lonlat:LON,LAT, or a vector file", _end
 )
 Start = Annotated[End, PLACE, "ROW,COL from 0, xy:X,Y, lonlat:LON,LAT, or a vector file's point."]
 
 
-FIGURES = ("pdf", "svg", "png")
-PLAN_FORMATS = {
-    "gpkg": Format(("path.gpkg", "path.qml"), "pyogrio", "vector"),
-    "gpx": Format(("path.gpx",), "pyproj", "geo"),
-    **{kind: Format((f"figure.{kind}",), "matplotlib", "viz") for kind in FIGURES},
-}
+FORMATS = {"gpkg": ("pyogrio", "vector"), "gpx": ("pyproj", "geo")}
+"""What --format adds as path.NAME: the module that makes it, and the extra that brings that."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,12 +107,9 @@ class PlanRequest:
     formats: Annotated[
         tuple[str, ...],
         "--format",
-        click.Choice(list(PLAN_FORMATS)),
+        click.Choice(list(FORMATS)),
         MANY,
-        (
-            "Also write path.gpx; path.gpkg with stations and legs, and path.qml for QGIS; or a "
-            "figure for a paper as figure.pdf, figure.svg or figure.png."
-        ),
+        "Also write path.gpkg or path.gpx.",
     ] = ()
 
     def __post_init__(self) -> None:

@@ -2,7 +2,7 @@
 
 import json
 import sys
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -97,8 +97,7 @@ def command(
         settings = changed(settings, **setting.values)
     settings = changed(settings, rate_hz=rate, method=method, model=model, **steps)
     options.check_outputs(  # --record never replaces a file
-        *(("--log", wiring.log), ("--view", options.view_file(wiring.view))),
-        more_inputs=[model_path(settings.model)],
+        ("--log", wiring.log), more_inputs=[model_path(settings.model)]
     )
     if "network" in DynamicMethod(settings.method).entry.needs:
         begin_loading(settings.model)
@@ -125,9 +124,10 @@ def summary(counters: "Counters") -> str:
     c = counters
     odd = {"clipped": c.patches_clipped, "rejected": c.patches_rejected, "merged": c.patches_merged}
     patches = (f"{c.patches} ({c.cells_changed} cells changed)", counted(odd))
+    tick_ms = (c.tick_ms or {}).items()
     lines = {
         **loop_lines(c),
-        "tick": ", ".join(f"{name} {ms:.2f} ms" for name, ms in (c.tick_ms or {}).items()),
+        "tick": ", ".join(f"{name} {ms:.2f} ms" for name, ms in tick_ms),
         "patches": ", ".join(filter(None, patches)) if c.patches else "",
         "memory": f"{c.rss_bytes / 1e6:.0f} MB",
     }
@@ -141,14 +141,9 @@ def _ground(path: Path, robot: GroundOptions) -> "Ground":
 
     if (found := read_cost_map(path)) is None:
         return robot.of(robot.read(path))
-    context = click.get_current_context()
-    default = click.core.ParameterSource.DEFAULT
-    of_grounds = {field.name for field in fields(GroundOptions)}
-    wrong = [
-        each.opts[0]
-        for each in context.command.params
-        if each.name in of_grounds and context.get_parameter_source(each.name) is not default
-    ]
-    if wrong:
-        raise click.UsageError(f"{path.name} holds costs: {wrong[0]} needs elevations")
+    if robot != GroundOptions():
+        raise click.UsageError(
+            f"{path.name} holds costs: limits, a vehicle and other options of the ground need "
+            "elevations"
+        )
     return Ground(found[0], cell_size_m=found[1])

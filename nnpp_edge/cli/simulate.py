@@ -13,7 +13,6 @@ from nnpp_edge.cli import options
 from nnpp_edge.cli.ground_options import GroundOptions, Known, TerrainOptions
 from nnpp_edge.cli.requests import PLACE, End, Start
 from nnpp_edge.cli.text import Row, aligned, loop_lines, tell
-from nnpp_edge.robot.transports.wiring import View
 from nnpp_edge.runtime.options import METHODS, StepOptions
 
 if TYPE_CHECKING:
@@ -60,7 +59,6 @@ def command(
     seed: options.Seed = 1,
     endless: Annotated[bool, "Drive from goal to goal for all --ticks."] = False,
     log: Annotated[Path | None, "Write inputs and answers as MCAP with ROS 2 messages."] = None,
-    view: View = None,
     picture: Annotated[Path | None, ".png of the way driven, or .gif of the drive."] = None,
     as_json: options.AsJson = False,
 ) -> None:
@@ -81,7 +79,6 @@ def command(
 
     from nnpp_edge.files import write_whole
     from nnpp_edge.robot.transports.mcap_log import McapLog
-    from nnpp_edge.robot.transports.rerun_view import RerunSink
     from nnpp_edge.runtime.compiled.notice import told_if_slow
     from nnpp_edge.runtime.errors import InvalidQueryError
     from nnpp_edge.simulation.drive_picture import drive_picture, film_of
@@ -107,8 +104,7 @@ def command(
         steps=steps,
     )
     film = film_of(picture)
-    outputs = (("--log", log), ("--picture", picture), ("--view", options.view_file(view)))
-    options.check_outputs(*outputs, make_folders=True)
+    options.check_outputs(("--log", log), ("--picture", picture), make_folders=True)
     if dem is None:
         cell_m = robot.posed.length_m / _CELLS_TO_A_BODY if robot.posed else _SAMPLE_RESCALE
         dem = sample_path(_SAMPLE)
@@ -134,8 +130,6 @@ def command(
         def make_sinks(state: "MapState") -> "list[Sink]":
             if log is not None:
                 sinks.append(stack.enter_context(closing(McapLog(log, state))))
-            if view is not None:
-                sinks.append(stack.enter_context(closing(RerunSink(view, state))))
             return sinks
 
         try:

@@ -2,7 +2,6 @@
 
 import math
 import os
-from contextlib import nullcontext
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated
@@ -12,7 +11,7 @@ import click
 from nnpp_edge.cli import options
 from nnpp_edge.cli.text import tell
 from nnpp_edge.model.registry import PRESETS
-from nnpp_edge.progress import THOUSANDTHS, bar, ignore, shown
+from nnpp_edge.progress import THOUSANDTHS, bar, shown
 
 _SIDE = click.IntRange(64, options.LARGEST_SIDE)
 _SIGMA = options.Real(0.0, 1.0, min_open=True)
@@ -33,14 +32,14 @@ class Settings:
             "repeats that training."
         ),
     ] = None
-    batch: Annotated[int, "Over all processes."] = 32
+    batch: Annotated[int, "Queries in a step."] = 32
     learning_rate: Annotated[float, options.POSITIVE] = 1e-3
     weight_decay: Annotated[float, options.NOT_NEGATIVE] = 1e-4
     target: Annotated[
         str, click.Choice(["near", "path"]), "Labels: nearness to the optimum, or the best path."
     ] = "near"
     softness: Annotated[float, options.POSITIVE, "Excess at which nearness is 1/e."] = 0.02
-    validations: Annotated[int, "Over the training, for curves and best.pt."] = 20
+    validations: Annotated[int, "Over the training, for history.json and best.pt."] = 20
     patience: Annotated[
         int | None, "End after so many validations in a row that are no better than the best."
     ] = None
@@ -72,23 +71,13 @@ def command(
         float | None,
         "Minutes, about: the speed of the first 200 steps decides the number of steps.",
     ] = None,
-    make: Annotated[
-        bool,
-        (
-            "Make the shards that DATASET lacks meanwhile, by its recipe: a `nnpp-edge dataset` "
-            "that was stopped goes on here."
-        ),
-    ] = False,
-    pause_after: Annotated[float | None, "Minutes; the same command continues."] = None,
     threads: Annotated[int | None, "Of torch on the CPU; by default one a core."] = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Train a network on DATASET, with AdamW as in the paper.
 
     Each validation searches real queries inside the predicted region. The run's folder gets
-    best.pt, last.pt, history.json and curves.png; the same command continues where it stopped.
-    Shards that appear in DATASET meanwhile are taken at the next epoch. Under torchrun the batch is
-    divided evenly over the processes, and the first one writes and prints.
+    best.pt, last.pt and history.json; the same command continues where it stopped.
 
     \b
     nnpp-edge train data/train --validation data/val -o runs/edge --time-limit 60
@@ -97,42 +86,33 @@ def command(
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     import torch
 
-    from nnpp_edge.terrain.dataset import GrowingSet, read_known, read_samples
+    from nnpp_edge.terrain.dataset import read_known, read_recipe, read_samples
     from nnpp_edge.training.checkpoint import LAST, load_checkpoint
     from nnpp_edge.training.train import TrainSettings, train
-    from nnpp_edge.viz.figures import training_curves
 
     if threads:
         torch.set_num_threads(threads)
     preset = PRESETS[architecture]
     size = input_size or preset.input_size
     unseen = preset.encoding == "unseen"
-    first = int(os.environ.get("RANK", "0")) == 0
     judged_on = read_known(validation) if unseen else read_samples(validation)
-    growing = GrowingSet(dataset, known=unseen, size=size, make=make and first)
-    with (
-        growing,
-        bar("train", THOUSANDTHS, quiet=True) if first else nullcontext(ignore) as advance,
-    ):
+    training = read_known(dataset) if unseen else read_samples(dataset, size=size)
+    with bar("train", THOUSANDTHS, quiet=True) as advance:
         best = train(
             replace(preset, sigma=sigma, input_size=size),
             TrainSettings(
                 **asdict(settings),
                 time_limit_s=60.0 * (time_limit or math.inf),
             ),
-            growing,
+            training,
             judged_on,
             output,
-            omega=growing.recipe.omega,
+            omega=read_recipe(dataset).omega,
             begin_with=begin_with,
-            pause_after_s=60.0 * (pause_after or math.inf),
             report=lambda share, words: advance(int(THOUSANDTHS * share), words),
         )
-    if not first:
-        return
     progress = load_checkpoint(best.with_name(LAST)).progress
     history = progress.history
-    training_curves(history, output / "curves.png")
 
     def text() -> str:
         last = history[progress.best]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import click
 
 from nnpp_edge.cli import options
-from nnpp_edge.cli.ground_options import GroundOptions, Known
+from nnpp_edge.cli.ground_options import GroundOptions
 from nnpp_edge.cli.requests import PLACE, End
 from nnpp_edge.runtime.options import StepOptions
 
@@ -24,7 +24,6 @@ def command(
     robot: GroundOptions,
     steps: StepOptions,
     model: options.Model = "edge",
-    known: Known = None,
     start: Annotated[End | None, PLACE, "Initial start of the path, as for plan."] = None,
     goal: Annotated[End | None, PLACE, "As --start."] = None,
     port: Annotated[int, click.IntRange(0, 65535), "Of the page on 127.0.0.1; 0 for any."] = 8765,
@@ -43,12 +42,6 @@ def command(
     nnpp-edge view dem.tif --workload limit20
     nnpp-edge run --map dem.tif | nnpp-edge view dem.tif --follow
     """
-    if known and (
-        robot.body() is not None or robot.step_cost != "paper" or robot.resample is not None
-    ):
-        raise click.UsageError(
-            "--known plans for points: leave out --vehicle, --set, --step-cost and --resample"
-        )
     robot.limits()  # those that make no sense are refused before any work
 
     from msgspec.structs import replace
@@ -60,41 +53,36 @@ def command(
     from nnpp_edge.view.landscape import likely_ends
     from nnpp_edge.view.server import PageServer
 
-    def opened(
-        path: Path, begin: End | None = None, end: End | None = None, name: Path | None = None
-    ) -> Answerer:
-        read = robot.read(path)
-        robot.warn_if_coarse(read)
-        given = _given_body(robot, read)
-        names = ("cell_size", "resample")
-        reading = [(each, getattr(robot, each)) for each in names]
-        said = {each: value for each, value in reading if value is not None}
-        site = Site.of(read, name or Path(path.name), said, given, known, model)
-        asked = Asked(
-            start=begin.one_cell(read, "--start") if begin else (0, 0),
-            goal=end.one_cell(read, "--goal") if end else (0, 0),
-            step_cost=robot.step_cost,
-            **steps,
-            limits=robot.limits(read),
-            body=robot.vehicle or POINT if given is None else GIVEN if given.vehicle else POINT,
-        )
-        answerer = Answerer(site, asked)
-        landscape = answerer.landscape(asked)  # what cannot be planned on is refused here
-        if (likely := likely_ends(landscape.cost, landscape.planner.is_passable)) is None:
-            refuse_map(read)
-        answerer.first = replace(
-            asked, start=asked.start if begin else likely[0], goal=asked.goal if end else likely[1]
-        )
-        return answerer
-
     def told(line: str) -> None:
         Answerer.notice = line
         click.echo(line, err=True)
 
     with PageServer(port) as server:
-        server.open_map = opened
         notice.tell = told
-        server.maps.append(opened(dem, start, goal, dem.resolve()))
+        read = robot.read(dem)
+        robot.warn_if_coarse(read)
+        given = _given_body(robot, read)
+        names = ("cell_size", "resample")
+        reading = [(each, getattr(robot, each)) for each in names]
+        said = {each: value for each, value in reading if value is not None}
+        site = Site.of(read, dem.resolve(), said, given, model)
+        asked = Asked(
+            start=start.one_cell(read, "--start") if start else (0, 0),
+            goal=goal.one_cell(read, "--goal") if goal else (0, 0),
+            step_cost=robot.step_cost,
+            **steps,
+            limits=robot.limits(read),
+            body=robot.vehicle or POINT if given is None else GIVEN if given.vehicle else POINT,
+        )
+        server.answerer = answerer = Answerer(site, asked)
+        landscape = answerer.landscape(asked)  # what cannot be planned on is refused here
+        if (likely := likely_ends(landscape.cost, landscape.planner.is_passable)) is None:
+            refuse_map(read)
+        answerer.first = replace(
+            asked,
+            start=asked.start if start else likely[0],
+            goal=asked.goal if goal else likely[1],
+        )
         if follow:
             threading.Thread(target=server.follow, daemon=True).start()
         click.echo(server.address)

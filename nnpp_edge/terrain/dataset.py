@@ -3,14 +3,12 @@
 import multiprocessing
 import os
 import signal
-import threading
 import warnings
 from collections.abc import Generator, Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing, suppress
+from contextlib import closing
 from dataclasses import dataclass, fields, replace
-from itertools import count
 from pathlib import Path
 from typing import TypeVar
 
@@ -146,16 +144,11 @@ def make_dataset(
     return counts
 
 
-def read_shards(
-    folder: Path, recipe: Recipe, numbers: Iterable[int] | None = None
-) -> Iterator[Arrays]:
-    """The arrays of each shard in the folder, or of those of these `numbers`, by name; DataSetError
-    for one that is damaged or of another recipe.
+def read_shards(folder: Path, recipe: Recipe) -> Iterator[Arrays]:
+    """The arrays of each shard in the folder, by name; DataSetError for one that is damaged or of
+    another recipe.
     """
-    paths = sorted(folder.glob("shard-*.npz"))
-    if numbers is not None:
-        paths = [_shard_path(folder, number) for number in numbers]
-    for path in paths:
+    for path in sorted(folder.glob("shard-*.npz")):
         wanted = f"{path}: wanted a shard of this data set, got a file that is none"
         with (
             refused_as(DataSetError, wanted),
@@ -213,72 +206,6 @@ def read_known(folder: Path) -> KnownMaps:
     return _joined(KnownMaps, folder, read_shards(folder, recipe))
 
 
-class GrowingSet:
-    """A data set that may still be being made, read shard by shard in the order of their numbers:
-    up to the first that is missing.
-
-    With `make` its missing shards are made meanwhile, by processes of this machine, as long as the
-    `with` block lasts. DataSetError as for `read_samples` and `read_known`, of which kind it must
-    be.
-    """
-
-    def __init__(
-        self, folder: Path, *, known: bool = False, size: int | None = None, make: bool = False
-    ) -> None:
-        self.recipe = _recipe_of_kind(folder, known)
-        self.folder = folder
-        self.size = size
-        self._read = 0
-        self._ended = threading.Event()
-        self._thread = ThreadPoolExecutor(1)
-        self._making = self._thread.submit(self._make) if make else None
-
-    def __enter__(self) -> "GrowingSet":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._ended.set()
-        self._thread.shutdown()
-
-    def _make(self) -> None:
-        """Make shards, until all are made or none is wanted any more."""
-        with suppress(_NotWantedError):
-            make_dataset(self.recipe, self.folder, progress=self._go_on)
-
-    def _go_on(self, _: int) -> None:
-        if self._ended.is_set():
-            raise _NotWantedError
-
-    def growing(self) -> bool:
-        """Whether shards are being made here; what went wrong with that is raised."""
-        making = self._making
-        if making is not None and making.done():
-            making.result()
-            return False
-        return making is not None
-
-    def ready(self) -> int:
-        """Number of shards up to the first that is missing."""
-        self.growing()
-        numbers = count(self._read)
-        return next(at for at in numbers if not _shard_path(self.folder, at).exists())
-
-    def read(self, shards: int) -> Queries | None:
-        """The samples of the shards before this number that have not been read; None without."""
-        numbers = range(self._read, shards)
-        if not numbers:
-            return None
-        self._read = shards
-        parts = read_shards(self.folder, self.recipe, numbers)
-        if self.recipe.known:
-            return _joined(KnownMaps, self.folder, parts)
-        return _samples(self.folder, self.recipe, parts, None, self.size)
-
-
-class _NotWantedError(Exception):
-    """No more shards are wanted."""
-
-
 def _recipe_of_kind(folder: Path, known: bool) -> Recipe:
     """As `read_recipe`; DataSetError for a set of the other kind, too."""
     recipe = read_recipe(folder)
@@ -305,21 +232,10 @@ def read_samples(folder: Path, most_maps: int | None = None, *, size: int | None
 
     DataSetError where the set cannot be read, or has no maps of that size."""
     recipe = _recipe_of_kind(folder, known=False)
-    return _samples(folder, recipe, read_shards(folder, recipe), most_maps, size)
-
-
-def _samples(
-    folder: Path,
-    recipe: Recipe,
-    shards: Iterable[Arrays],
-    most_maps: int | None,
-    size: int | None,
-) -> Samples:
-    """The samples of shards, as for `read_samples`."""
     names = [field.name for field in fields(Samples)]
     parts: list[Arrays] = []
     maps = 0
-    for shard in shards:
+    for shard in read_shards(folder, recipe):
         shard["map_index"] = shard["map_index"].astype(np.int32) + maps
         arrays = [shard[name] for name in names]  # as checked by _check_shard
         part = Samples(*arrays)  # type: ignore[arg-type]
@@ -372,12 +288,7 @@ def _shards_here(
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(workers, context, start_worker, (recipe, tiles)) as pool:
         try:
-            # processes begin with Ctrl-C held back, as it would end their imports in a traceback
-            held_back = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-            try:
-                jobs = [pool.submit(_make_here, i) for i in indices]
-            finally:
-                signal.pthread_sigmask(signal.SIG_SETMASK, held_back)
+            jobs = [pool.submit(_make_here, i) for i in indices]
             for job in as_completed(jobs):
                 yield job.result()
         except (BrokenProcessPool, MemoryError) as error:
@@ -392,7 +303,6 @@ def _shards_here(
 def start_worker(recipe: Recipe, tiles: Tiles) -> None:
     # Ctrl-C ends it at once, not after the shards that wait for it
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     global _recipe, _tiles
     _recipe = recipe
     _tiles = tiles

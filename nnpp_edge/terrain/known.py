@@ -2,20 +2,17 @@
 turn out to be.
 """
 
-import math
 from dataclasses import dataclass, fields
 
 import cv2
 import numpy as np
 
 from nnpp_edge.runtime.arrays import Array, Bool, Float2D, Float32s, Int32, Planes, UInt8, in_blocks
-from nnpp_edge.runtime.network.unseen import encode_unseen, expected_by_slope
-from nnpp_edge.runtime.terrain.traversability import Traversability, terrain_terms
-from nnpp_edge.runtime.tuning import SlopePrice
+from nnpp_edge.runtime.network.unseen import encode_unseen
+from nnpp_edge.runtime.terrain.traversability import Traversability
 
 CERTAIN = 254
 """The number stored for an answer of 1: even, as ways across a block are counted in halves."""
-_SPREADS = np.linspace(0.02, 0.3, 57)
 
 
 @dataclass(frozen=True)
@@ -99,26 +96,3 @@ def _closed(blocked: Bool, factor: int) -> Float2D:
             if not np.intersect1d(first[first > 0], across[-1]).size:
                 closed[row, col] += 0.5
     return closed
-
-
-def fitted_slope(maps: KnownMaps) -> SlopePrice:
-    """Fit the numbers of `expected_by_slope` to these maps, by least squares."""
-    shares = []
-    means = []
-    errors = []
-    for at, answers in enumerate(maps.wanted):
-        limits = maps.limits(at)
-        factor, block_m = maps.blocks(at)
-        slope = terrain_terms(maps.heights[at], block_m)[0]
-        shares.append(np.minimum(slope / math.radians(limits.slope_limit_deg), 1.0).ravel())
-        means.append(answers[0].ravel())
-        if limits.hard_slope_deg < math.inf:
-            of_spreads = []
-            for spread in _SPREADS:
-                price = SlopePrice(0.0, 0.0, spread)
-                blocked = expected_by_slope(slope, limits, factor, price)[1]
-                of_spreads.append(np.float32(((blocked - answers[1]) ** 2).mean()))
-            errors.append(of_spreads)
-    gain, floor = np.polyfit(np.concatenate(shares), np.concatenate(means), 1)
-    spread = _SPREADS[np.mean(errors, axis=0).argmin()] if errors else SlopePrice().spread
-    return SlopePrice(*(round(float(number), 3) for number in (floor, gain, spread)))

@@ -1,15 +1,12 @@
-"""Elevation maps in rasters (GeoTIFF, PDS3, ESRI ASCII grid and others), read and written by
-rasterio.
-"""
+"""Elevation maps in rasters (`gdal_files.FORMATS`), read and written by rasterio."""
 
-import json
 import math
 import os
 import re
 import sys
 import warnings
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import product
 from pathlib import Path
@@ -50,8 +47,6 @@ _ASCII_HEADER = re.compile(
     re.IGNORECASE | re.MULTILINE,
 )
 _HIGHEST_OFFSET_M = 1e5
-_TILE = 512
-"""Cells to the side of a tile of a raster that is written as a stream."""
 _LEAST_CACHE_BYTES = 1 << 26
 """Of blocks that GDAL keeps for a raster read by windows; by itself it would keep a twentieth of
 the memory.
@@ -74,9 +69,7 @@ class Raster:
             raise TerrainError(f"{path}: wanted one band of elevation, got {dataset.count} bands")
         if dataset.dtypes[0].startswith("complex"):
             raise TerrainError(f"{path}: wanted a band of real numbers, got {dataset.dtypes[0]}")
-        image = _pds_image(dataset)
-        # GDAL passes over the unit in a PDS3 label
-        self._unit = str(dataset.units[0] or image.get("UNIT", ""))
+        self._unit = str(dataset.units[0] or "")
         unit = _METRES_PER_UNIT.get(re.sub("[_-]", " ", self._unit.lower()))
         if unit is None:
             raise TerrainError(
@@ -118,22 +111,15 @@ class Raster:
 
     def check_whole(self) -> None:
         """TerrainError for a file cut short where GDAL would fill in zeros and say nothing."""
+        if self.driver != "AAIGrid":
+            return
         cells = math.prod(self.shape)
-        if self.driver == "AAIGrid":
-            text = _ASCII_HEADER.sub("", self.path.read_text("latin-1"))
-            got = np.fromstring(text, dtype=np.float32, sep=" ").size
-            if got < cells:
-                raise TerrainError(
-                    f"{self.path}: wanted {cells} heights, got {got} before the end or a word"
-                )
-        elif self.driver in ("EHdr", "PDS"):
-            files = self.dataset.files if self.driver == "PDS" else [self.path]
-            wanted = cells * self.dtype.itemsize
-            bytes_ = sum(Path(name).stat().st_size for name in files)
-            if bytes_ < wanted:
-                raise TerrainError(
-                    f"{self.path}: wanted {wanted} bytes of heights, got {bytes_} with the label"
-                )
+        text = _ASCII_HEADER.sub("", self.path.read_text("latin-1"))
+        got = np.fromstring(text, dtype=np.float32, sep=" ").size
+        if got < cells:
+            raise TerrainError(
+                f"{self.path}: wanted {cells} heights, got {got} before the end or a word"
+            )
 
     def _check_blocks(self, part: Rectangle) -> None:
         """TerrainError where a deflated block under a window is damaged; each block is checked
@@ -221,80 +207,28 @@ def raster_bytes(path: Path, array: npt.ArrayLike, place: Place) -> bytes:
     """
     values = unmasked(array)
     rasterio = optional_module("rasterio", f"writing {path.name}", "geo")
-    with (
-        refused_as(OutputError, f"{path}: could not be written"),
-        _quiet(rasterio),
-        rasterio.MemoryFile() as memory,
-    ):
-        with memory.open(**_geotiff(rasterio, values.shape, place.georeference)) as dataset:
-            dataset.write(values.astype(np.float32), 1)
-        return bytes(memory.read())
-
-
-@contextmanager
-def geotiff_stream(
-    path: Path,
-    shape: Shape,
-    place: Georeference | None,
-) -> Iterator[Callable[[int, Float2D], None]]:
-    """A tiled GeoTIFF to be written by bands of rows: a function that takes a band's first row and
-    its values.
-
-    At the end it is read again, as GDAL may meet a full disk in silence: OutputError where it is
-    something else.
-    """
-    rasterio = optional_module("rasterio", f"writing {path.name}", "geo")
-    options = _geotiff(rasterio, shape, place)
-    options |= {"tiled": True, "blockxsize": _TILE, "blockysize": _TILE}
-    options |= {"BIGTIFF": "IF_SAFER", "NUM_THREADS": "ALL_CPUS"}
-    written: list[tuple[tuple[Shape, Shape], int]] = []
-
-    def write(row: int, values: Float2D) -> None:
-        window = ((row, row + len(values)), (0, shape[1]))
-        dataset.write(values, 1, window=window)
-        written.append((window, zlib.crc32(values.tobytes())))
-
-    with _quiet(rasterio):
-        with rasterio.open(path, "w", **options) as dataset:
-            yield write
-        with rasterio.open(path) as back:
-            for window, checksum in written:
-                if zlib.crc32(back.read(1, window=window).tobytes()) != checksum:
-                    row = window[0][0]
-                    raise OutputError(
-                        f"{path}: could not be written (rows from {row} on are not what was "
-                        "written)"
-                    )
-
-
-def _geotiff(
-    rasterio: ModuleType,
-    shape: tuple[int, ...],
-    place: Georeference | None,
-) -> dict[str, object]:
-    """rasterio's options for a compressed float32 GeoTIFF whose unknown cells are NaN."""
+    rows, cols = values.shape
     options = {
         "driver": "GTiff",
         "compress": "deflate",
         "predictor": 3,
         "nodata": math.nan,
-        "height": shape[0],
-        "width": shape[1],
+        "height": rows,
+        "width": cols,
         "count": 1,
         "dtype": "float32",
     }
-    if place is not None:
-        options |= {"crs": place.crs, "transform": rasterio.Affine(*place.transform)}
-    return options
-
-
-def _pds_image(dataset: "DatasetReader") -> dict[str, object]:
-    """The image object of a PDS3 label; empty for other files."""
-    tags = dataset.tags(ns="json:PDS")
-    # rasterio cuts the JSON at its first colon
-    label = json.loads(":".join(*tags.items())) if tags else {}
-    found: dict[str, object] = label.get("IMAGE", {})
-    return found
+    if place.georeference is not None:
+        transform = rasterio.Affine(*place.georeference.transform)
+        options |= {"crs": place.georeference.crs, "transform": transform}
+    with (
+        refused_as(OutputError, f"{path}: could not be written"),
+        _quiet(rasterio),
+        rasterio.MemoryFile() as memory,
+    ):
+        with memory.open(**options) as dataset:
+            dataset.write(values.astype(np.float32), 1)
+        return bytes(memory.read())
 
 
 def _opened(rasterio: ModuleType, path: Path, opened: Path, **options: object) -> "DatasetReader":

@@ -37,7 +37,6 @@ _STANDING = (
 """Numbers of `Route.standing` whose extremes are facts of the path: unit, and words."""
 Facts = dict[str, object]
 """Properties of a feature."""
-Leg = tuple[Along, Facts]
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,37 +137,14 @@ class Route:
         feature = self._feature(places_of(self.dem, self.line), properties)
         return json.dumps(feature, allow_nan=False).encode()
 
-    def geopackage(
-        self,
-        properties: Facts,
-        stations: Sequence[tuple[Cell, Facts]] = (),
-        legs: Sequence[Leg] = (),
-    ) -> bytes:
-        """Likewise with heights, as the layer `path` of a GeoPackage, with its `stations` and its
-        `legs`; MissingExtraError without pyogrio.
+    def geopackage(self, properties: Facts) -> bytes:
+        """Likewise with heights, as the layer `path` of a GeoPackage; MissingExtraError without
+        pyogrio.
         """
-        cells = np.array([cell for cell, _ in stations], np.float64).reshape(-1, 2)
-        points = places_of(self.dem, cells).tolist()
-        features = {
-            "path": [self._lifted(self.along, properties)],
-            "stations": [
-                {"type": "Feature", "geometry": {"type": "Point", "coordinates": at}}
-                | {"properties": facts}
-                for at, (_, facts) in zip(points, stations, strict=True)
-            ],
-            "legs": [self._lifted(*leg) for leg in legs],
-        }
-        layers = {
-            name: {"type": "FeatureCollection", "features": found} | named_crs(self.dem)
-            for name, found in features.items()
-            if found
-        }
-        return geopackage_bytes({name: json.dumps(each).encode() for name, each in layers.items()})
-
-    def _lifted(self, along: Along, properties: Facts) -> dict[str, object]:
-        """A feature of the points along a line, with their heights."""
+        along = self.along
         places = np.column_stack((places_of(self.dem, along.points), along.heights_m))
-        return self._feature(places, properties)
+        feature = self._feature(places, properties)
+        return geopackage_bytes("path", json.dumps(feature).encode())
 
     def _feature(self, places: Floats, properties: dict[str, object]) -> dict[str, object]:
         line: list[object] = places.tolist()
@@ -180,19 +156,19 @@ class Route:
         feature = {"type": "Feature", "geometry": geometry, "properties": properties}
         return feature | named_crs(self.dem)
 
-    def gpx(self, name: str, stops: Sequence[tuple[str, Cell]]) -> bytes:
-        """A GPX 1.1 track, and its stops with their names, from start to goal, as way points;
-        InvalidQueryError for a map off the Earth.
+    def gpx(self, name: str, stops: Sequence[Cell]) -> bytes:
+        """A GPX 1.1 track, and its stops from start to goal as way points; InvalidQueryError for a
+        map off the Earth.
         """
-        cells = np.array([cell for _, cell in stops], np.float64)
-        points = places_of(self.dem, np.concatenate((cells, self.along.points)))
+        points = places_of(self.dem, np.concatenate((stops, self.along.points)))
         lonlat = lonlat_of(self.dem, points).tolist()
+        names = ["start", *(f"via {number}" for number in range(1, len(stops) - 1)), "goal"]
         out = [
             '<?xml version="1.0" encoding="UTF-8"?>',
             '<gpx version="1.1" creator="nnpp-edge" xmlns="http://www.topografix.com/GPX/1/1">',
         ]
-        for (stop, _), (lon, lat) in zip(stops, lonlat, strict=False):
-            out.append(f'<wpt lat="{lat:.8f}" lon="{lon:.8f}"><name>{escape(stop)}</name></wpt>')
+        for stop, (lon, lat) in zip(names, lonlat, strict=False):
+            out.append(f'<wpt lat="{lat:.8f}" lon="{lon:.8f}"><name>{stop}</name></wpt>')
         out.append(f"<trk><name>{escape(name)}</name><trkseg>")
         for (lon, lat), height in zip(lonlat[len(stops) :], self.along.heights_m, strict=True):
             known = f"<ele>{height:.3f}</ele>" if math.isfinite(height) else ""

@@ -2,7 +2,7 @@
 
 import re
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -32,17 +32,11 @@ class VectorFileError(InvalidQueryError):
     """A vector file that cannot be used; the message names the file."""
 
 
-_NAMES = ("name", "title", "label", "id")
-"""Fields that hold the names of points, the first that there is."""
-
-
 class LayerPoints(NamedTuple):
     """Points of a layer, in their order."""
 
     places: Points
     """(N, 2) map coordinates."""
-    names: list[str]
-    """Empty where it names none."""
     remark: str
     """How their coordinate system was taken, where it is not the map's."""
 
@@ -66,26 +60,18 @@ def points_of(name: str, place: Place) -> LayerPoints:
                 f"{path}: wanted one layer: name it as {path.name}:LAYER ({', '.join(layers)})"
             )
         layer = layer or layers[0]
-        there = {field.lower(): field for field in pyogrio.read_info(path, layer)["fields"]}
-        named = [there[key] for key in _NAMES if key in there][:1]
-        meta, _, read, fields = pyogrio.raw.read(path, layer=layer, columns=named, force_2d=True)
+        meta, _, read, _ = pyogrio.raw.read(path, layer=layer, columns=[], force_2d=True)
         shapes = [shape for shape in read if shape is not None]
         if any(shape[1] not in (1, 4) for shape in shapes):
             raise VectorFileError(
                 f"{path}: wanted points, got other shapes ({meta['geometry_type']})"
             )
         points = [np.empty((0, 2))]
-        names = list[str]()
-        for at, shape in enumerate(read):
-            if shape is not None:
-                head = 9 if shape[1] == 4 else 0
-                points.append(np.frombuffer(shape, _POINTS, offset=head)["xy"])
-                word = fields[0][at] if named else None
-                names += ["" if word is None else str(word)] * len(points[-1])
+        for shape in shapes:
+            head = 9 if shape[1] == 4 else 0
+            points.append(np.frombuffer(shape, _POINTS, offset=head)["xy"])
     found = np.concatenate(points)
-    known = np.isfinite(found).all(axis=1)  # an empty point has no numbers
-    found = found[known]
-    names = [names[at] for at in np.flatnonzero(known)]
+    found = found[np.isfinite(found).all(axis=1)]  # an empty point has no numbers
     if not len(found):
         raise VectorFileError(f"{path}: wanted points, got none")
     remark = ""
@@ -93,7 +79,7 @@ def points_of(name: str, place: Place) -> LayerPoints:
         remark = f"{path} names no coordinate system: taken in the map's own"
     elif meta["crs"] is not None:
         found, remark = on_map(place, found, meta["crs"], str(path))
-    return LayerPoints(found, names, remark)
+    return LayerPoints(found, remark)
 
 
 def named_file(name: str) -> tuple[Path, str | None]:
@@ -109,19 +95,15 @@ def named_file(name: str) -> tuple[Path, str | None]:
     raise VectorFileError(f"{name}: wanted a vector file ({problem})")
 
 
-def geopackage_bytes(layers: Mapping[str, bytes]) -> bytes:
-    """A GeoPackage of layers of GeoJSON, by name; MissingExtraError where pyogrio is not
+def geopackage_bytes(layer: str, geojson: bytes) -> bytes:
+    """A GeoPackage with a layer made of GeoJSON; MissingExtraError where pyogrio is not
     installed.
     """
     with _pyogrio("writing a GeoPackage") as pyogrio, TemporaryDirectory() as folder:
         file = Path(folder) / "layers.gpkg"
-        for layer, geojson in layers.items():
-            meta, _, shapes, values = pyogrio.raw.read(geojson)
-            kinds = {"geometry_type": meta["geometry_type"], "crs": meta["crs"]}
-            pyogrio.raw.write(
-                file, shapes, values, meta["fields"], layer=layer, driver="GPKG",
-                append=file.exists(), **kinds,
-            )  # fmt: skip
+        meta, _, shapes, values = pyogrio.raw.read(geojson)
+        kinds = {"geometry_type": meta["geometry_type"], "crs": meta["crs"]}
+        pyogrio.raw.write(file, shapes, values, meta["fields"], layer=layer, driver="GPKG", **kinds)
         return file.read_bytes()
 
 

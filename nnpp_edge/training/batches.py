@@ -52,50 +52,29 @@ class Batches:
 
     The settings' ``target`` is ``near``: exp(-excess / softness), the nearness to the optimum of
     the best path through a block; or ``path``: 1 on the optimal path's blocks, 0 elsewhere, as in
-    the paper; for maps known by their blocks it is what the blocks turn out to be. Every process,
-    `rank` of `world`, takes every `world`-th query of each batch: together they see the samples of
-    one process. DataSetError where samples are not of the network's size.
+    the paper; for maps known by their blocks it is what the blocks turn out to be. DataSetError
+    where samples are not of the network's size.
     """
 
     def __init__(
         self,
-        samples: Queries | None,
+        samples: Queries,
         spec: Spec,
         settings: TrainSettings,
         *,
         device: torch.device = CPU,
-        rank: int = 0,
-        world: int = 1,
     ) -> None:
         self.spec = spec
         self.settings = settings
         self.device = device
-        self.share = slice(rank, settings.batch, world)
         nearness = torch.exp(-torch.arange(256) * (EXCESS_STEP / settings.softness))
         nearness[255] = 0.0
         self._nearness = nearness.to(device)
-        self._world = world
-        self.held: Held | None = None
-        if samples is not None:
-            self.extend(samples)
+        self.held = self._placed(self._of(samples))
 
     def __len__(self) -> int:
         """Batches in an epoch."""
-        return 0 if self.held is None else len(self.held.labels) // self.settings.batch
-
-    def extend(self, samples: Queries) -> None:
-        """Add samples of the same kind; the epochs that begin from now on have them, too."""
-        held = self._of(samples)
-        before = self.held
-        if before is not None:
-            held = Held(
-                torch.cat((before.maps.cpu(), held.maps)),
-                torch.cat((before.labels.cpu(), held.labels)),
-                np.concatenate([before.map_index, held.map_index + len(before.maps)]),
-                np.concatenate([before.facts, held.facts]),
-            )
-        before = self.held = None  # the device's memory is free before it is counted
-        self.held = self._placed(held)
+        return len(self.held.labels) // self.settings.batch
 
     def _of(self, samples: Queries) -> Held:
         """Samples as they are kept, on the CPU."""
@@ -141,16 +120,13 @@ class Batches:
         """The batches of an epoch from the `skip`-th on."""
         size = self.settings.batch
         held = self.held
-        assert held is not None
-        in_batch = held.maps[0].nbytes * size // self._world
-        at_once = max(1, _BYTES_AT_ONCE // in_batch)
+        at_once = max(1, _BYTES_AT_ONCE // (held.maps[0].nbytes * size))
         rng = np.random.default_rng([self.settings.seed, number])
         order = rng.permutation(len(held.labels))[: len(self) * size].reshape(-1, size)
-        swapped = rng.integers(2, size=order.shape, dtype=bool)[:, self.share]
+        swapped = rng.integers(2, size=order.shape, dtype=bool)
         # each place of a batch has its position, equal ones side by side: the order is random
-        turns = np.sort((np.arange(size) + rng.integers(POSITIONS)) % POSITIONS)[self.share]
+        turns = np.sort((np.arange(size) + rng.integers(POSITIONS)) % POSITIONS)
         threads = torch.get_num_threads()
-        order = order[:, self.share]  # of the whole batch, whoever takes which part of it
         for first in range(skip - skip % at_once, len(self), at_once):
             those = slice(first, first + at_once)
             # to wake other threads takes longer than these copies

@@ -47,7 +47,7 @@ class TrainSettings:
 
     epochs: int = 150
     batch: int = 32
-    """Queries in a step, over all processes."""
+    """Queries in a step."""
     learning_rate: float = 1e-3
     weight_decay: float = 1e-4
     steps: int | None = None
@@ -84,8 +84,6 @@ class Progress:
     """The step at which the training ends, once that is known; `TrainSettings.steps` of that number
     repeats it.
     """
-    shards: int = 0
-    """Of a data set that grows, those that the epoch has."""
     history: list[dict[str, float]] = field(default_factory=list)
 
     @property
@@ -124,8 +122,7 @@ class Checkpoint:
     optimiser: dict[str, object]
     origin: dict[str, object] = field(default_factory=dict)
     """Where else the weights come from: ``torch`` (its version), ``threads``, ``begun_with``
-    (`facts` of the run whose weights this one began with), ``resumed_with_other_settings``,
-    ``resumed_without_optimiser``."""
+    (`facts` of the run whose weights this one began with), ``resumed_with_other_settings``."""
 
     def facts(self) -> dict[str, object]:
         """Facts that decided the weights, for a model's metadata."""

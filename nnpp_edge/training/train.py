@@ -1,26 +1,24 @@
-"""Training: AdamW as in the paper, resumable, limited by epochs, steps or time, on one device or
-several.
-"""
+"""Training: AdamW as in the paper, resumable, limited by epochs, steps or time."""
 
 import ctypes
 import math
-import os
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 
 import torch
-from torch import Tensor, distributed, nn
+from torch import Tensor, nn
 from torch.nn.functional import binary_cross_entropy_with_logits
 
 from nnpp_edge.files import make_folder
 from nnpp_edge.model.network import Network
 from nnpp_edge.model.registry import Spec
 from nnpp_edge.progress import ignore
-from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError, ModelError
-from nnpp_edge.terrain.dataset import GrowingSet, Queries, Samples
+from nnpp_edge.runtime.errors import DataSetError, ModelError
+from nnpp_edge.runtime.reading import refused_as
+from nnpp_edge.terrain.dataset import Queries
 from nnpp_edge.terrain.known import KnownMaps
 from nnpp_edge.training.batches import Batch, Batches
 from nnpp_edge.training.checkpoint import (
@@ -48,13 +46,12 @@ Report = Callable[[float, str], None]
 def train(
     spec: Spec,
     settings: TrainSettings,
-    training: Queries | GrowingSet,
+    training: Queries,
     validation: Queries,
     folder: Path,
     *,
     omega: float,
     begin_with: Path | None = None,
-    pause_after_s: float = math.inf,
     report: Report = ignore,
 ) -> Path:
     """Train a network, going on from the folder's last checkpoint if there is one; the path of the
@@ -64,122 +61,65 @@ def train(
     weights_only), ``best.pt`` (the running mean at the validation with the least ``score``) and
     ``history.json``. `omega` is the weight of the traversability cost per grey level, for
     validation's searches. A new run begins with the averaged weights of the checkpoint
-    `begin_with`, whose input may have another size. The two data sets are of one kind. A training
-    set that grows is looked at before each epoch; epochs are counted as of the whole set.
+    `begin_with`, whose input may have another size. The two data sets are of one kind.
 
-    After `pause_after_s` seconds the run is saved, wherever it is; called again it goes on.
-    `report` is called twice a second.
+    The run is saved every five minutes; one that was stopped goes on from there. `report` is called
+    twice a second.
 
-    Under ``torchrun`` each process takes its share of every batch and gradients are averaged; only
-    the first validates, writes and reports. ModelError where the folder's checkpoint is of another
-    spec or `begin_with` of another network, DataSetError where the training set does not fit or is
-    smaller than a batch.
+    ModelError where the folder's checkpoint is of another spec or `begin_with` of another network,
+    DataSetError where the training set does not fit or is smaller than a batch.
     """
-    processes = Processes.join()
-    if settings.batch % processes.world:
-        raise InvalidQueryError(
-            f"batch must be a multiple of the {processes.world} processes, got {settings.batch}"
-        )
     keep_freed_memory()
     make_folder(folder)
     last = folder / LAST
-    validator: Validator | KnownValidator | None = None
-    if processes.first and isinstance(validation, KnownMaps):
+    validator: Validator | KnownValidator
+    if isinstance(validation, KnownMaps):
         validator = KnownValidator(validation)
-    elif processes.first and isinstance(validation, Samples):
+    else:
         validator = Validator(validation, spec, omega)
-    run = TrainingProcess(spec, settings, processes)
+    run = TrainingRun(spec, settings)
     run.begin(last, begin_with)
     progress = run.progress
-    data = _Data(training, run)
-    began = time.monotonic()
-    saved = began
+    batches = Batches(training, spec, settings, device=run.device)
+    if not len(batches):
+        raise DataSetError(
+            f"wanted at least {settings.batch} samples for one batch, got {len(training)}: make "
+            "more maps, or give a smaller --batch"
+        )
+    run.plan_steps(len(batches))
+    saved = time.monotonic()
 
     def validate() -> None:
-        loss = processes.mean(run.loss)
         validating = time.monotonic()
-        if validator is not None:
-            progress.history.append(run.validated(validator, loss))
-            if not progress.waited:
-                run.checkpoint(best=True).save(folder / BEST)
-        run.validation_s = processes.of_the_first(time.monotonic() - validating)
+        progress.history.append(run.validated(validator))
+        if not progress.waited:
+            run.checkpoint(best=True).save(folder / BEST)
+        run.validation_s = time.monotonic() - validating
         run.since_validated()
 
     def save() -> None:
-        if processes.first:
-            run.checkpoint().save(last)
+        run.checkpoint().save(last)
 
-    def stops() -> bool:
-        waited = processes.first and run.out_of_patience
-        over = time.monotonic() - began > pause_after_s
-        return run.done or bool(processes.of_the_first(float(waited or over)))
-
-    data.grow()
     if not progress.history:
         validate()
         save()
-    while not stops():
-        for batch in data.batches.epoch(progress.epoch, progress.step_in_epoch):
+    while not run.done:
+        for batch in batches.epoch(progress.epoch, progress.step_in_epoch):
             run.step(batch)
-            if processes.first:
-                run.tell(report)
+            run.tell(report)
             if run.validation_due:
                 validate()
                 save()
-            if processes.of_the_first(time.monotonic() - saved) > SAVED_EVERY_S:
+            if time.monotonic() - saved > SAVED_EVERY_S:
                 save()
                 saved = time.monotonic()
-            if stops():
+            if run.done:
                 break
-        if progress.step_in_epoch == len(data.batches):
+        if progress.step_in_epoch >= len(batches):
             progress.epoch += 1
             progress.step_in_epoch = 0
-            data.grow()
     save()
-    processes.leave()
     return folder / BEST
-
-
-class _Data:
-    """The training's batches, and the set that they may grow from."""
-
-    def __init__(self, training: Queries | GrowingSet, run: "TrainingProcess") -> None:
-        self._run = run
-        self._set = training if isinstance(training, GrowingSet) else None
-        processes = run.processes
-        self.batches = Batches(
-            None if isinstance(training, GrowingSet) else training,
-            run.spec,
-            run.settings,
-            device=processes.device,
-            rank=processes.rank,
-            world=processes.world,
-        )
-
-    def grow(self) -> None:
-        """Before an epoch: take the shards that have appeared; of an epoch that was begun in
-        another call, those that it had. DataSetError where there is less than a batch.
-        """
-        progress = self._run.progress
-        growing = self._set
-        share = 1.0
-        while growing is not None:
-            shards = progress.shards if progress.step_in_epoch else growing.ready()
-            progress.shards = int(self._run.processes.of_the_first(shards))
-            more = growing.read(progress.shards)
-            if more is not None:
-                self.batches.extend(more)
-            share = progress.shards / growing.recipe.shards
-            if len(self.batches) or not growing.growing():
-                break
-            time.sleep(1.0)
-        if not len(self.batches):
-            least = self._run.settings.batch
-            raise DataSetError(
-                f"wanted at least {least} samples for one batch, got fewer: make more maps, or "
-                "give a smaller --batch"
-            )
-        self._run.plan_steps(round(len(self.batches) / share))
 
 
 def keep_freed_memory() -> None:
@@ -192,72 +132,13 @@ def keep_freed_memory() -> None:
             library.mallopt(option, value)
 
 
-@dataclass(frozen=True)
-class Processes:
-    """One process's place among the `world` processes that train together, and its device."""
+class TrainingRun:
+    """A network in training, its running mean, the optimiser and the progress."""
 
-    rank: int
-    world: int
-    device: torch.device
-
-    @classmethod
-    def join(cls) -> "Processes":
-        """This process alone, or as torchrun's environment variables say: NCCL between GPUs, Gloo
-        between CPUs.
-        """
-        world = int(os.environ.get("WORLD_SIZE", "1"))
-        device = torch.device("cpu")
-        if torch.cuda.is_available():
-            device = torch.device("cuda", int(os.environ.get("LOCAL_RANK", "0")))
-        if world == 1:
-            return cls(0, 1, device)
-        distributed.init_process_group("nccl" if device.type == "cuda" else "gloo")
-        return cls(distributed.get_rank(), world, device)
-
-    @property
-    def first(self) -> bool:
-        """Whether this process validates, writes and reports."""
-        return self.rank == 0
-
-    def averaging_gradients(self, network: nn.Module) -> nn.Module:
-        """The network, wrapped so that its gradients are averaged over the processes."""
-        if self.world == 1:
-            return network
-        devices = [self.device.index] if self.device.type == "cuda" else None
-        return nn.parallel.DistributedDataParallel(network, device_ids=devices)
-
-    def of_the_first(self, value: float) -> float:
-        """The first process's value, so that all of them decide alike."""
-        return self._shared(value, lambda shared: distributed.broadcast(shared, 0))
-
-    def mean(self, value: float) -> float:
-        """Mean over the processes."""
-        return self._shared(value, distributed.all_reduce) / self.world
-
-    def _shared(self, value: float, exchange: Callable[[Tensor], object]) -> float:
-        if self.world == 1:
-            return value
-        shared = torch.tensor(value, dtype=torch.float64, device=self.device)
-        exchange(shared)
-        return shared.item()
-
-    def leave(self) -> None:
-        """Wait for the others and end the group."""
-        if self.world > 1:
-            distributed.barrier()
-            distributed.destroy_process_group()
-
-
-class TrainingProcess:
-    """One process's part of a training run: the network, its running mean, the optimiser and the
-    progress.
-    """
-
-    def __init__(self, spec: Spec, settings: TrainSettings, processes: Processes) -> None:
+    def __init__(self, spec: Spec, settings: TrainSettings) -> None:
         self.spec = spec
         self.settings = settings
-        self.processes = processes
-        self.device = processes.device
+        self.device = torch.device("cuda:0" if torch.cuda.is_available() else "cpu")
         torch.manual_seed(settings.seed)
         network = Network(spec).to(self.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.network: Network = network
@@ -265,8 +146,6 @@ class TrainingProcess:
         self.optimiser = torch.optim.AdamW(
             network.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay
         )
-        self.optimiser_since = 0
-        """Step at which the optimiser was new."""
         self.validation_s = 0.0
         """Of the last validation."""
         on_gpu = self.device.type == "cuda"
@@ -299,7 +178,6 @@ class TrainingProcess:
                 ) from error
             self.origin["begun_with"] = theirs.facts()
         self.average.load_state_dict(average)
-        self.wrapped = self.processes.averaging_gradients(self.network)
         self.started = time.monotonic() - self.progress.spent_s
         self.since_validated()
 
@@ -311,18 +189,15 @@ class TrainingProcess:
         self.network.load_state_dict(saved.network)
         self.progress = saved.progress
         self.origin = saved.origin | self.origin
-        if saved.optimiser:
+        with refused_as(ModelError, f"{path}: wanted the state of an optimiser"):
             self.optimiser.load_state_dict(saved.optimiser)
-        else:
-            self.optimiser_since = saved.progress.step
-            self.origin["resumed_without_optimiser"] = True
         if saved.settings != self.settings:
             self.origin["resumed_with_other_settings"] = True
             self.progress.steps = None
         return saved.average
 
     def plan_steps(self, batches_an_epoch: int) -> None:
-        """Say how many batches an epoch of the whole data set has."""
+        """Say how many batches an epoch has."""
         settings = self.settings
         self.most = min(settings.epochs * batches_an_epoch, settings.steps or sys.maxsize)
         if settings.time_limit_s == math.inf and self.progress.steps is None:
@@ -342,8 +217,11 @@ class TrainingProcess:
 
     @property
     def done(self) -> bool:
-        """Whether the last step has been made."""
-        return self.progress.step >= (self.progress.steps or self.most)
+        """Whether the last step has been made, or so many validations were no better than the best
+        as were to be waited for.
+        """
+        out_of_patience = self.progress.waited >= (self.settings.patience or sys.maxsize)
+        return out_of_patience or self.progress.step >= (self.progress.steps or self.most)
 
     @property
     def validation_due(self) -> bool:
@@ -354,11 +232,6 @@ class TrainingProcess:
         parts = self.settings.validations
         step = self.progress.step
         return step * parts // steps > (step - 1) * parts // steps
-
-    @property
-    def out_of_patience(self) -> bool:
-        """Whether so many validations were no better than the best as were to be waited for."""
-        return self.progress.waited >= (self.settings.patience or sys.maxsize)
 
     @property
     def share_done(self) -> float:
@@ -388,7 +261,7 @@ class TrainingProcess:
             )
         progress.step += 1
         progress.step_in_epoch += 1
-        progress.spent_s = self.processes.of_the_first(time.monotonic() - self.started)
+        progress.spent_s = time.monotonic() - self.started
         # under a time limit the speed of the warm-up decides the number of steps
         limit_s = self.settings.time_limit_s
         warmed = progress.step >= self.settings.warmup_steps or progress.spent_s >= limit_s
@@ -405,7 +278,7 @@ class TrainingProcess:
         shown = self.network.shown(maps, facts)
         self.network.train()
         with torch.autocast(self.device.type, torch.bfloat16, enabled=self.in_bfloat16):
-            logits = self.wrapped(*shown)
+            logits = self.network(*shown)
         return binary_cross_entropy_with_logits(logits.float(), target)
 
     def _learning_rate(self) -> float:
@@ -415,8 +288,7 @@ class TrainingProcess:
         step = self.progress.step
         steps = self.progress.steps
         warmup = self.settings.warmup_steps
-        since_new = step - self.optimiser_since + 1
-        rate = self.settings.learning_rate * min(1.0, since_new / max(warmup, 1))
+        rate = self.settings.learning_rate * min(1.0, (step + 1) / max(warmup, 1))
         if step < warmup or steps is None:
             return rate
         cosine = math.cos(math.pi * (step - warmup) / (steps - warmup))
@@ -441,8 +313,8 @@ class TrainingProcess:
             words += f" (best {best['score']:.4f}, step {best['step']:.0f})"
         return words
 
-    def validated(self, validator: Validator | KnownValidator, loss: float) -> dict[str, float]:
-        """The history's row for the running mean, with this mean loss since the last one."""
+    def validated(self, validator: Validator | KnownValidator) -> dict[str, float]:
+        """The history's row for the running mean, with the mean loss since the last one."""
         # the batch norms' statistics are not averaged
         for theirs, ours in zip(self.network.buffers(), self.average.buffers(), strict=True):
             ours.copy_(theirs)
@@ -452,7 +324,7 @@ class TrainingProcess:
             "spent_s": round(self.progress.spent_s, 1),
         }
         if self.counted:
-            row["loss"] = loss
+            row["loss"] = self.loss
         for judged in validator.judge(self.average):
             figures = asdict(judged)
             at = f"@{figures.pop('factor'):g}" if "factor" in figures else ""

@@ -119,7 +119,6 @@ class Answerer:
             "name": dem.source.name,
             "shape": dem.shape,
             "sides_m": (dem.cell_size_m, dem.cell_width_m),
-            "known": self.site.blocks[0] if self.site.blocks else 1,
             "methods": STILL,
             "step_costs": STEP_COSTS,
             "bodies": bodies,
@@ -237,9 +236,7 @@ def file_of(dem: Dem, asked: Asked, plan: Plan, landscape: Landscape, form: str)
     route = Route.of_plan(plan, landscape.cost, dem, landscape.poses)
     figures = values_of(plan_facts(plan, route.facts))
     if form == "gpx":
-        via = ((f"via {number}", cell) for number, cell in enumerate(asked.via, 1))
-        stops = [("start", asked.start), *via, ("goal", asked.goal)]
-        return route.gpx("nnpp-edge view", stops)
+        return route.gpx("nnpp-edge view", [asked.start, *asked.via, asked.goal])
     return route.geopackage(figures) if form == "gpkg" else route.geojson(figures)
 
 

@@ -28,8 +28,6 @@ GIVEN = "as given"
 """Names of the vehicle that is none, and of the one that the command line describes."""
 Obstacles = Annotated[tuple[Rectangle, ...], Meta(max_length=200)]
 Positive = Annotated[float, Meta(ge=0.0)]
-Blocks = tuple[int, str] | None
-"""Fine cells along a cell of a coarse map, and by what these are priced, see `network.priors`."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +58,6 @@ class Site:
     reading: Mapping[str, float]
     """Options of `nnpp-edge plan`, ``cell_size`` and ``resample``, that were given."""
     bodies: Mapping[str, Body]
-    blocks: Blocks = None
     model: str = "edge"
     """The network of the method ``nnpp``."""
 
@@ -71,7 +68,6 @@ class Site:
         path: Path,
         reading: Mapping[str, float],
         given: Body | None = None,
-        blocks: Blocks = None,
         model: str = "edge",
     ) -> "Site":
         """With the package's vehicles, under the map's gravity where that is known, and that of the
@@ -81,13 +77,13 @@ class Site:
         """
         gravity = gravity_of(dem)
         bodies = {POINT: Body(None, Mobility() if gravity is None else Mobility().under(gravity))}
-        for name in () if blocks else shipped_vehicles():
+        for name in shipped_vehicles():
             bodies[name] = Body(
                 load_vehicle(name), load_mobility(name, gravity), ("--vehicle", name)
             )
         if given is not None:
             bodies[POINT if given.vehicle is None else GIVEN] = given
-        return cls(replace(dem, source=Path(path.name)), path, reading, bodies, blocks, model)
+        return cls(replace(dem, source=Path(path.name)), path, reading, bodies, model)
 
 
 class Asked(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -176,18 +172,15 @@ class Asked(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 def command_of(site: Site, asked: Asked) -> str:
     """A line for a shell that plans the same path; without painted obstacles, which no option
     describes.
-
-    Of a coarse map a line that opens this view, with the same ends and limits.
     """
-    words = ["nnpp-edge", "view" if site.blocks else "plan", str(site.path)]
+    words = ["nnpp-edge", "plan", str(site.path)]
     for name, value in site.reading.items():
         words += [f"--{name.replace('_', '-')}", _number(value)]
-    words += ["--known", "{}:{}".format(*site.blocks)] if site.blocks else []
-    via = [] if site.blocks else [("--via", at) for at in asked.via]
+    via = [("--via", at) for at in asked.via]
     for name, cell in (("--start", asked.start), *via, ("--goal", asked.goal)):
         place = "{},{}".format(*cell)
         words += [f"{name}={place}"] if min(cell) < 0 else [name, place]
-    words += [] if site.blocks else ["--method", asked.method]
+    words += ["--method", asked.method]
     for name, value in _given(asked.limits).items():
         words += ["--limit", f"{name}={_number(value)}"]
     if asked.step_cost != "paper":
@@ -198,8 +191,6 @@ def command_of(site: Site, asked: Asked) -> str:
         words.append("--no-corner-cutting")
     if site.model != "edge":
         words += ["--model", site.model]
-    if site.blocks:
-        return shlex.join(words)
     words += asked.chosen(site).options
     for name, heading in asked.headings(site).items():
         option = f"--{name.removesuffix('_deg').replace('_', '-')}"

@@ -2,31 +2,25 @@
 
 import warnings
 from collections.abc import Callable
-from dataclasses import replace
 from statistics import median
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime import Ground, Plan, Planner
+from nnpp_edge.runtime import Plan, Planner
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, slices, widened
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.map.along import Along
-from nnpp_edge.runtime.network.priors import prices_by
 from nnpp_edge.runtime.options import PlanOptions
 from nnpp_edge.runtime.planners.plan import Method
 from nnpp_edge.runtime.robots.body.poses import Poses
 from nnpp_edge.runtime.terrain.traversability import traversability_cost
-from nnpp_edge.runtime.tuning import PRICE_SCALE
 from nnpp_edge.view.asked import Asked, Obstacles, Site
 
 _TRIED = 256
 """Cells along a side that are tried as first ends."""
 _LOOKED_AT = 1000
 """Of these for each end, where a vehicle's poses must be checked."""
-_DEAREST = np.float32(0.999)
-"""Cost that is shown of a block that counts as more: none is impassable."""
 _REPEATS = 3
 _LONG_MS = 100.0
 """A plan is repeated so often for its median time, unless it takes longer than that."""
@@ -46,28 +40,14 @@ class Landscape:
         dem = site.dem
         size = dem.cell_size_m
         width = dem.cell_width_m
-        planned = self.ground
-        self._scale = 1.0
         with warnings.catch_warnings(record=True) as told:
             warnings.simplefilter("always")
             self.cost = traversability_cost(dem.elevation, size, asked.limits, cell_width_m=width)
-            """(H, W) traversability costs, without what is painted; of blocks their prices, below
-            1.
-            """
-        if site.blocks:
-            if self.ground.slope_cost is not None:
-                raise InvalidQueryError(
-                    "blocks of a coarse map have prices: wanted the paper's cost of a step"
-                )
-            factor, prior = site.blocks
-            self._scale = PRICE_SCALE
-            prices = prices_by(prior, dem.elevation, asked.limits, size, factor, cell_width_m=width)
-            self.cost = np.minimum(prices, _DEAREST)
-            planned = Ground(prices / np.float32(PRICE_SCALE))
+            """(H, W) traversability costs, without what is painted."""
         self.warnings = [str(warning.message) for warning in told]
         self.planner = Planner(
-            planned,
-            omega=self._scale * asked.omega,
+            self.ground,
+            omega=asked.omega,
             corner_cutting=asked.corner_cutting,
             model=site.model,
         )
@@ -93,20 +73,11 @@ class Landscape:
 
     def plan(self, asked: Asked, method: Method, *, keep_regions: bool = False) -> Plan:
         """Plan between the ends that are asked for, by way of the places between."""
-        if self._site.blocks:
-            if method is Method.NNPP:
-                raise InvalidQueryError("the learned region is for maps of cells, not of blocks")
-            method = Method.CORRIDOR if method is Method.AUTO else method
         options: PlanOptions = {"method": method, "refine": asked.freed}
         options |= {"keep_regions": keep_regions, **asked.headings(self._site)}
         if asked.via:
-            plan = self.planner.plan_via(asked.start, asked.goal, asked.via, **options).plan
-        else:
-            plan = self.planner.plan(asked.start, asked.goal, **options)
-        if not self._site.blocks:
-            return plan
-        along = Along.of(plan.line, self._site.dem.elevation, self.ground.sides_m)
-        return replace(plan, along=along, traverse_cost=self._scale * plan.traverse_cost)
+            return self.planner.plan_via(asked.start, asked.goal, asked.via, **options).plan
+        return self.planner.plan(asked.start, asked.goal, **options)
 
     def compare(self, asked: Asked, method: Method) -> tuple[Plan, float]:
         """A method's plan with its region, and its median time, ms."""

@@ -3,23 +3,19 @@ alone.
 """
 
 import mimetypes
-import re
 import sys
-from collections.abc import Callable
 from contextlib import suppress
 from http.server import BaseHTTPRequestHandler
 from importlib.resources import files
 from io import BufferedReader, FileIO
 from pathlib import Path
 from socketserver import ThreadingTCPServer
-from tempfile import TemporaryDirectory
-from urllib.parse import unquote
 
 import msgspec
 
 from nnpp_edge.robot.transports.stdio import messages
 from nnpp_edge.robot.transports.wire import WireError, decode_output
-from nnpp_edge.runtime.errors import NnppEdgeError, OutputError
+from nnpp_edge.runtime.errors import OutputError
 from nnpp_edge.runtime.loop.messages import PathMessage
 from nnpp_edge.runtime.reading import reason
 from nnpp_edge.view.answers import Answerer
@@ -39,17 +35,8 @@ _HEADERS = {
     "Cache-Control": "no-cache",
 }
 _LONGEST_QUESTION = 1 << 16
-_LARGEST_FILE = 1 << 28
-_MOST_DROPPED = 2
-"""Bytes of a map that is dropped onto the page, and how many of these are kept, the newest."""
 _MOST_DIGITS = 18
-"""Of a number in a request."""
-_NO_MAP = "wanted a map's number after ?map="
-
-
-def _whole(word: str) -> int | None:
-    """A whole number in a request; None for anything else."""
-    return int(word) if word.isdecimal() and len(word) <= _MOST_DIGITS else None
+"""Of a question's length."""
 
 
 class PageServer(ThreadingTCPServer):
@@ -60,16 +47,12 @@ class PageServer(ThreadingTCPServer):
     allow_reuse_address = True
     daemon_threads = True
     request_queue_size = 64
-    open_map: Callable[[Path], Answerer]
-    """Reads a map that is dropped onto the page."""
+    answerer: Answerer
+    """Set before it serves."""
     live = b"null"
     """The newest message of the run that is followed; null without one."""
 
     def __init__(self, port: int) -> None:
-        self.maps: list[Answerer | None] = []
-        """By the number in the page's address: that of the command line, then those that were
-        dropped.
-        """
         try:
             super().__init__((HOST, port), _Handler)
         except OSError as error:
@@ -110,77 +93,35 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         """A file of the page, what it opens with, or what there is to tell meanwhile."""
-        path, number = self._asked()
-        answerer = self._answerer(number)
         if not self._is_asked_of_us():
             self.send_error(400, "this page is for this machine alone")
-        elif number is None:
-            self.send_error(400, _NO_MAP)
-        elif path == "/opening" and answerer:
-            self._send(answerer.opening(), "application/json")
-        elif path == "/news" and answerer:
-            live = msgspec.Raw(b"null" if number else self.server.live)
-            news = {"notice": answerer.notice, "live": live}
+        elif self.path == "/opening":
+            self._send(self.server.answerer.opening(), "application/json")
+        elif self.path == "/news":
+            news = {"notice": self.server.answerer.notice, "live": msgspec.Raw(self.server.live)}
             self._send(msgspec.json.encode(news), "application/json")
-        elif file := _FILES.get(path):
+        elif file := _FILES.get(self.path):
             self._send(file.read_bytes(), mimetypes.guess_type(file)[0] or "text/plain")
         else:
             self.send_error(404)
 
     def do_POST(self) -> None:
-        """A question of our own page, or a map that was dropped onto it."""
-        path, number = self._asked()
-        length = _whole(self.headers.get("Content-Length", ""))
-        answerer = self._answerer(number)
-        most = _LARGEST_FILE if path == "/drop" else _LONGEST_QUESTION
+        """A question of our own page."""
+        length = self.headers.get("Content-Length", "")
         if (
             not self._is_asked_of_us()
             or self.headers.get("Origin") != f"http://{self.headers['Host']}"
         ):
             self.send_error(403, "questions of other pages are not answered")
-        elif number is None:
-            self.send_error(400, _NO_MAP)
-        elif path not in ("/ask", "/drop") or answerer is None:
+        elif self.path != "/ask":
             self.send_error(404)
-        elif length is None:
+        elif not length.isdecimal() or len(length) > _MOST_DIGITS:
             self.send_error(400, "wanted a Content-Length in digits")
-        elif length > most:
+        elif int(length) > _LONGEST_QUESTION:
             self.send_error(413)
-        elif path == "/drop":
-            self._send(self._dropped(length), "application/json")
         else:
-            self._send(answerer.answer(self.rfile.read(length)), "application/octet-stream")
-
-    def _asked(self) -> tuple[str, int | None]:
-        """The path that is asked for and the number of the map, None where it is no number."""
-        path, named, number = self.path.partition("?map=")
-        return path, _whole(number) if named else 0
-
-    def _answerer(self, number: int | None) -> Answerer | None:
-        """Of the map that is asked of, if it is open."""
-        maps = self.server.maps
-        return None if number is None or number >= len(maps) else maps[number]
-
-    def _dropped(self, length: int) -> bytes:
-        """JSON of the number of a map that is dropped onto the page, or a ``problem`` in
-        one line.
-        """
-        maps = self.server.maps
-        name = re.sub(r"[^\w.+-]", "_", unquote(self.headers.get("X-Name", "")))[-100:]
-        with TemporaryDirectory() as folder:
-            file = Path(folder) / (name.lstrip(".") or "map")
-            why = ""
-            try:
-                file.write_bytes(self.rfile.read(length))
-                maps.append(self.server.open_map(file))
-            except NnppEdgeError as error:
-                why = str(error)
-            except (OSError, MemoryError) as error:
-                why = f"{name}: not enough room ({error})"
-            if why:
-                return msgspec.json.encode({"problem": why.replace(f"{folder}/", "")})
-        maps[1:-_MOST_DROPPED] = [None] * len(maps[1:-_MOST_DROPPED])
-        return msgspec.json.encode({"map": len(maps) - 1})
+            question = self.rfile.read(int(length))
+            self._send(self.server.answerer.answer(question), "application/octet-stream")
 
     def _is_asked_of_us(self) -> bool:
         """Whether it is our name that the browser knows: another's page may have been given our

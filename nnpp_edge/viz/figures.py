@@ -1,20 +1,11 @@
-"""Pictures with matplotlib: training curves, the plots of a profile's page, and what all figures
-share.
-"""
+"""Charts of panels with matplotlib, and the page of a profile's report."""
 
 import io
-import math
-from base64 import b64encode
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from importlib.resources import files
-from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-import numpy as np
-
-from nnpp_edge.files import write_whole
 from nnpp_edge.profiling.compare import machine_words
-from nnpp_edge.profiling.figures import stages_of
 from nnpp_edge.profiling.inference import int8_in_words
 from nnpp_edge.profiling.judge import IN_WORDS, measured, place, wanted
 from nnpp_edge.profiling.rows import Facts
@@ -26,22 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.figure import Figure
 
-_PANELS = (
-    ("loss", "training loss", 1.0),
-    ("gap", "mean cost gap, %", 100.0),
-    ("success", "path inside the region, %", 100.0),
-    ("region_share", "region, % of the map", 100.0),
-)
-_FITS = (
-    ("loss", "training loss", 1.0),
-    ("rmse_mean", "error of the mean T", 1.0),
-    ("rmse_blocked", "error of the share of impassable cells", 1.0),
-    ("rmse_closed", "error of the chance that a block is closed", 1.0),
-)
-
 _TEMPLATE = "profile.html.j2"
-_WIDE = 5.2
-"""Inches: narrow enough for words to be read where a telephone shrinks the picture."""
 
 
 class Curve(NamedTuple):
@@ -69,9 +45,13 @@ class Panel(NamedTuple):
 
 
 def chart(lines: Sequence[Sequence[Panel]], wide: float = 5.8) -> "Figure":
-    """Lines of panels, so many inches wide, with a legend below."""
+    """Lines of panels, so many inches wide, with a legend below; MissingExtraError without
+    matplotlib.
+    """
+    kinds = optional_module("matplotlib.figure", "a figure", "viz")
     columns = max(map(len, lines))
-    figure = new_figure(wide * columns, 1.5 + 0.85 * wide * len(lines))
+    size = (wide * columns, 1.5 + 0.85 * wide * len(lines))
+    figure: Figure = kinds.Figure(figsize=size, layout="constrained")
     legend: dict[str, Artist] = {}
     for line, places in zip(
         lines, figure.subplots(len(lines), columns, squeeze=False), strict=True
@@ -100,37 +80,7 @@ def chart(lines: Sequence[Sequence[Panel]], wide: float = 5.8) -> "Figure":
     return figure
 
 
-def training_curves(history: Sequence[dict[str, float]], path: Path) -> None:
-    """Loss, and what the validations found, against training steps; a dotted line at the best."""
-    steps = [row["step"] for row in history]
-    factors = {key.partition("@")[2] for key in history[0] if "@" in key}
-    best = min(history, key=lambda row: row["score"])["step"]
-    panels = []
-    for name, title, scale in _FITS if "rmse_mean" in history[0] else _PANELS:
-        keys = {name: ""}
-        if name not in history[-1]:  # one for each factor
-            largest_first = sorted(factors, key=float, reverse=True)
-            keys = {f"{name}@{factor}": f"td × {factor}" for factor in largest_first}
-        curves = []
-        for at, (key, label) in enumerate(keys.items()):
-            values = [scale * row.get(key, math.nan) for row in history]
-            curves.append(Curve(steps, values, "o-", label, f"C{at}"))
-        drawn = np.array([curve.y for curve in curves])
-        ends = [np.nanmin(drawn), np.nanmax(drawn)]
-        curves.append(Curve([best, best], ends, ":", "", "0.6"))
-        logarithmic = name in ("loss", "gap") and (np.nan_to_num(drawn) > 0.0).any()
-        panels.append(Panel(title, curves, "step", log="y" if logarithmic else ""))
-    write_whole(path, encoded(chart([panels[:2], panels[2:]])))
-
-
-def new_figure(width: float, height: float) -> "Figure":
-    """An empty figure, so many inches wide and high; MissingExtraError without matplotlib."""
-    kinds = optional_module("matplotlib.figure", "a figure", "viz")
-    figure: Figure = kinds.Figure(figsize=(width, height), layout="constrained")
-    return figure
-
-
-def encoded(figure: "Figure", dpi: int = 110) -> bytes:
+def encoded(figure: "Figure", dpi: int) -> bytes:
     """The figure as PNG."""
     content = io.BytesIO()
     figure.savefig(content, format="png", dpi=dpi)
@@ -138,8 +88,8 @@ def encoded(figure: "Figure", dpi: int = 110) -> bytes:
 
 
 def page(report: Facts) -> str:
-    """A profile's report as one page of HTML that needs nothing else: style and plots
-    stand in it. MissingExtraError without the extra `viz`.
+    """A profile's report as one page of HTML that needs nothing else. MissingExtraError without
+    the extra `viz`.
     """
     jinja2 = optional_module("jinja2", "the page of a report", "viz")
     template = jinja2.Environment(
@@ -159,48 +109,5 @@ def page(report: Facts) -> str:
     template.filters |= filters
     template.globals |= {"words": IN_WORDS, "machine": machine_words(report)}
     text = (files("nnpp_edge.viz") / _TEMPLATE).read_text(encoding="utf-8")
-    page: str = template.from_string(text).render(report=report, plots=list(_plots(report)))
+    page: str = template.from_string(text).render(report=report)
     return page
-
-
-def _plots(report: Facts) -> Iterator[tuple[str, str, str]]:
-    """Title, a sentence on how to read it, and the PNG in base64, of each plot, of the first
-    workload; against the map's size only where there are several.
-    """
-    first = report["results"][0]["workload"]
-    rows = [row for row in report["results"] if row["workload"] == first]
-    by_size = f"On {first}: medians as lines, thin up to the slowest hundredth."
-    sizes = sorted({row["size"] for row in rows})
-    stages = [[_stages(rows, size)] for size in sizes]
-    drawn = [("Time by stage", f"Mean of a plan on {first}, whole job.", stages)]
-    if len(sizes) > 1:
-        drawn.append(("Time against map size", by_size, [[_by_size(rows)]]))
-    for title, words, panels in drawn:
-        yield title, words, b64encode(encoded(chart(panels, _WIDE), dpi=200)).decode()
-
-
-def _stages(rows: Sequence[Facts], size: int) -> Panel:
-    """The stages of each planner's mean time, one after another."""
-    curves = []
-    for row in reversed(rows):
-        left = 0.0
-        for at, stage in enumerate(stages_of(rows)):
-            spread = row["stages_ms"].get(stage)
-            if row["size"] == size and spread:
-                ends = [left, left + spread["mean"]]
-                curves.append(Curve(ends, [row["planner"]] * 2, "-", stage, f"C{at}", 10.0))
-                left = ends[1]
-    return Panel(f"{size}²", curves, "ms")
-
-
-def _by_size(rows: Sequence[Facts]) -> Panel:
-    """Each planner's median time against the side of the map, and up to its slowest hundredth."""
-    curves = []
-    for at, name in enumerate(dict.fromkeys(row["planner"] for row in rows)):
-        own = [row for row in rows if row["planner"] == name]
-        medians = [row["time_ms"]["median"] for row in own]
-        curves.append(Curve([row["size"] for row in own], medians, "o-", name, f"C{at}", 2.0))
-        for row in own:
-            times = [row["time_ms"]["median"], row["time_ms"]["p99"]]
-            curves.append(Curve([row["size"]] * 2, times, "-", "", f"C{at}", 0.8))
-    return Panel("", curves, "side of the map, cells", "median time of a query, ms", "xy")

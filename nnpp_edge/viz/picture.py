@@ -76,9 +76,6 @@ _ZOOMED = 0.5
 _PIECE = ((0.0, 0.0), (26.0, 0.0))
 """Of a line, in the legend."""
 _STRIPES = [([(at, 7), (at + 13, -6)], UNKNOWN, 2.0) for at in (0, 9)]
-_CORNERS = ((0, 1), (0, 0), (1, 1), (1, 0))
-_OVERVIEW = 0.22
-"""Of the picture's longer side, that of the small map in its corner."""
 
 
 class Tint(NamedTuple):
@@ -183,7 +180,7 @@ class Chart:
         begin: str = "start",
         least: int = LEAST_PIXELS,
     ) -> Picture:
-        """Draw a `part` of the map, by default all, with a legend; in a corner all of it, small.
+        """Draw a `part` of the map, by default all, with a legend.
 
         Lines lie one over the other, the first lowest; where a body cannot stand for what is
         `unseen` the ground is striped as where it is unknown; `outlines` of a body are left out
@@ -210,9 +207,6 @@ class Chart:
             drawing.mark(cell, CIRCLE * 9.0, colour, sign)
         if start is not None:
             drawing.ends(start, goal)
-            if part != self.whole:
-                away = np.array([start, goal or start, *via])
-                self._overview(drawing, part, tints, away)
 
         # the legend, with the widest line first
         keys: list[Key] = []
@@ -237,19 +231,6 @@ class Chart:
         keys.append(Key("traversability cost, 0 to 1", 137.0, bar))
         scale = drawing.scale(None if self.sides_m is None else self.sides_m[1])
         return drawing.finish([keys, [*map(Key, facts), *scale, *drawing.north(self.north_deg)]])
-
-    def _overview(
-        self, drawing: MapDrawing, part: Rectangle, tints: Sequence[Tint], places: Cells
-    ) -> None:
-        """Put the whole map into the corner that is farthest from places."""
-        share = _OVERVIEW * max(drawing.map.shape[:2]) / max(self.cost.shape)
-        small = self.ground(self.whole, max(int(1.0 / share), 1), tints)
-        size = tuple(max(round(cells * share), 1) for cells in self.cost.shape[::-1])
-        small = cv2.resize(small, size, interpolation=cv2.INTER_AREA)  # type: ignore[assignment]
-        row, col, rows, cols = (round(cells * share) for cells in part)
-        shares = (places - part[:2]) / part[2:]
-        corner = max(_CORNERS, key=lambda each: np.abs(shares - each).max(1).min())
-        drawing.overview(small, (row, col, max(rows, 6), max(cols, 6)), corner)
 
 
 def cost_picture(cost: Float2D, shade: Shade | None = None) -> Picture:
@@ -311,7 +292,7 @@ def plan_picture(
     reached: Reached | None = None,
 ) -> Picture:
     """Draw a plan on its map: region, path, start (square) and goal (star); where these take up
-    little of the map the part around them, with the whole map in a corner.
+    little of the map the part around them.
 
     Parameters
     ----------

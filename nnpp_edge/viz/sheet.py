@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Array, Cells, Floats
-from nnpp_edge.runtime.cells import Cell, Rectangle
+from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.terrain.facts import metres
 from nnpp_edge.viz.palette import (
     BODY,
@@ -86,7 +86,6 @@ class MapDrawing:
         across = max(width, least)
         self._cells_across = across / self.sides[1]
         self._origin = origin
-        self._corner: tuple[Picture, Cell] | None = None
 
         # the map in the middle of a strip of paper
         self.margin = top = round(18 * self.unit)
@@ -114,17 +113,6 @@ class MapDrawing:
         stripe = (down + across) % round(9 * self.unit) < 2 * self.unit
         self.map[on] = PAPER
         self.map[on & stripe] = UNKNOWN
-
-    def overview(self, whole: Picture, part: Rectangle, corner: Cell) -> None:
-        """Have the whole map drawn, small, in a corner (0 or 1, 0 or 1), with the part (in pixels
-        of it) that the picture shows.
-        """
-        row, col, rows, cols = part
-        last = (col + cols - 1, row + rows - 1)
-        for colour, width in ((PAPER, 4), (INK, 2)):
-            cv2.rectangle(whole, (col, row), last, colour, width)
-        framed = cv2.copyMakeBorder(whole, 2, 2, 2, 2, cv2.BORDER_CONSTANT, value=INK)
-        self._corner = (np.asarray(framed, np.uint8), corner)
 
     def line(self, cells: Array, colour: Colour, width: float) -> None:
         """A path, `width` points wide."""
@@ -182,12 +170,6 @@ class MapDrawing:
 
     def finish(self, lines: Sequence[Sequence[Key]]) -> Picture:
         """Add lines of keys below the map, broken where they are too long for it."""
-        if self._corner is not None:
-            small, (down, across) = self._corner
-            high, wide = small.shape[:2]
-            top = down * (self.map.shape[0] - high)
-            left = across * (self.map.shape[1] - wide)
-            self.map[top : top + high, left : left + wide] = small
         bottom, width = self.picture.shape[:2]
         row = 0
         placed = []

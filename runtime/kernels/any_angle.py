@@ -19,7 +19,7 @@ from numpy import float64, inf, int64, uint64
 
 from nnpp_edge.runtime.compiled.kernel import helper, inlined
 from nnpp_edge.runtime.kernels.nodes import COL, ROW
-from nnpp_edge.runtime.kernels.records import Grid, Ground, Leg, Room
+from nnpp_edge.runtime.kernels.records import Ground, Leg, Room
 from nnpp_edge.runtime.kernels.tiles import open_there
 
 TOUCH = 1e-6

@@ -3,7 +3,6 @@
 import math
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
-from typing import Annotated
 
 import numpy as np
 
@@ -242,42 +241,43 @@ CountBy = dict[str, int]
 
 @dataclass(frozen=True)
 class Counters:
-    """Counts of a loop since it started; the annotation of each says what it counts, for metrics
-    too.
-    """
+    """Counts of a loop since it started."""
 
-    ticks: Annotated[int, "Ticks of the loop."] = 0
-    planned: Annotated[int, "Ticks that planned a new path."] = 0
-    kept: Annotated[int, "Ticks that kept the standing path."] = 0
-    failed: Annotated[int, "Ticks with pose and goal, but without a path."] = 0
-    overruns: Annotated[int, "Ticks that took longer than the period."] = 0
-    skipped: Annotated[int, "Deadlines that passed unused."] = 0
-    degraded: Annotated[CountBy, "Degraded answers.", "kind"] = field(default_factory=dict)
-    errors: Annotated[CountBy, "Errors that were caught.", "place"] = field(default_factory=dict)
-    patches: Annotated[int, "Map patches that came."] = 0
-    cells_changed: Annotated[int, "Cells that patches changed."] = 0
-    patches_clipped: Annotated[int, "Map patches that stuck out of the map."] = 0
-    patches_rejected: Annotated[int, "Map patches that were refused."] = 0
-    patches_merged: Annotated[int, "Changes of the map that were merged with the next."] = 0
-    """Too many were waiting. No changed cell is lost."""
-    starts_moved: Annotated[
-        int, "Ticks whose path starts beside the robot, which stood in an impassable cell."
-    ] = 0
-    drops: Annotated[CountBy, "Messages that a sink was too slow for.", "sink"] = field(
-        default_factory=dict
-    )
-    lost: Annotated[CountBy, "Messages that a sink took and could not keep.", "sink"] = field(
-        default_factory=dict
-    )
-    """Only of sinks that count them."""
+    ticks: int = 0
+    planned: int = 0
+    """Ticks that planned a new path."""
+    kept: int = 0
+    """Ticks that kept the standing path."""
+    failed: int = 0
+    """Ticks with pose and goal, but without a path."""
+    overruns: int = 0
+    """Ticks that took longer than the period."""
+    skipped: int = 0
+    """Deadlines that passed unused."""
+    degraded: CountBy = field(default_factory=dict)
+    """Degraded answers by kind."""
+    errors: CountBy = field(default_factory=dict)
+    """Errors that were caught, by place."""
+    patches: int = 0
+    """Map patches that came."""
+    cells_changed: int = 0
+    """Cells that patches changed."""
+    patches_clipped: int = 0
+    """Map patches that stuck out of the map."""
+    patches_rejected: int = 0
+    """Map patches that were refused."""
+    patches_merged: int = 0
+    """Changes of the map that were merged with the next, as too many were waiting. No changed cell
+    is lost.
+    """
+    starts_moved: int = 0
+    """Ticks whose path starts beside the robot, which stood in an impassable cell."""
+    drops: CountBy = field(default_factory=dict)
+    """Messages that a sink was too slow for, by sink."""
+    lost: CountBy = field(default_factory=dict)
+    """Messages that a sink took and could not keep, by sink, of sinks that count them."""
     tick_ms: dict[str, float] = field(default_factory=dict)
     """Work of a tick: ``p50``, ``p90``, ``p99``, ``max``, ``mean``."""
-    tick_histogram: dict[str, int] = field(default_factory=dict)
-    """Number of ticks whose work took less than so many milliseconds; ``inf``: number of measured
-    ticks.
-    """
-    tick_sum_s: float = 0.0
-    """Work of all measured ticks, seconds."""
     rss_bytes: int = 0
     """Memory of the process; 0 where the system does not say."""
 

@@ -21,9 +21,6 @@ from nnpp_edge.runtime.memory import rss_bytes
 
 _SHARE_FOR_INPUTS = 0.5
 """Of a period; inputs that come faster than they can be read wait for the next tick."""
-_BOUND_OCTAVES = range(8, 20)
-"""Bounds of the histogram in the counters, as powers of two of a microsecond: 0.256 to 524 ms."""
-_BOUNDS_MS = (*(f"{1e-3 * 2**n:g}" for n in _BOUND_OCTAVES), "inf")
 _WAKE_S = 0.002
 """Before a tick, from when on no search goes on: it ends some checks of poses late."""
 _LONGEST_SLEEP_S = 0.05
@@ -134,7 +131,6 @@ class Loop:
 
     def counters(self) -> Counters:
         """Counts so far; from any thread."""
-        histogram = self._histogram
         counting = [sink for sink, _ in self._sinks if hasattr(sink, "lost")]
         return replace(
             self.navigator.counters(),
@@ -142,9 +138,7 @@ class Loop:
             skipped=self._ticker.skipped,
             drops={sink.name: worker.queue.drops for sink, worker in self._sinks},
             lost={sink.name: sink.lost for sink in counting},
-            tick_ms=histogram.summary_ms(),
-            tick_histogram=dict(zip(_BOUNDS_MS, histogram.shorter(_BOUND_OCTAVES), strict=True)),
-            tick_sum_s=histogram.sum_s,
+            tick_ms=self._histogram.summary_ms(),
             rss_bytes=rss_bytes(),
         )
 

@@ -8,7 +8,7 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from types import FrameType
 
@@ -120,13 +120,6 @@ class Histogram:
         at = int(np.searchsorted(np.cumsum(self._counts), max(math.ceil(share * self.count), 1)))
         bound: float = _LEAST_S * 2.0 ** ((at + 1) / _PER_OCTAVE)
         return min(bound, self.max_s)
-
-    def shorter(self, octaves: Iterable[int]) -> list[int]:
-        """Exact number of durations below 1 µs × 2^n, for each of these n; last, the
-        number of all.
-        """
-        counts = self._counts.copy()  # of one moment, also when another thread adds
-        return [*(int(counts[: _PER_OCTAVE * n].sum()) for n in octaves), int(counts.sum())]
 
     def summary_ms(self) -> dict[str, float]:
         """``p50``, ``p90``, ``p99``, ``max`` and ``mean`` in milliseconds; 0 if there are none."""

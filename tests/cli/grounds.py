@@ -27,7 +27,7 @@ def layer(path, cells, crs=GRID):
     places = [move.transform(*PLACE.map_coordinates(*cell)) for cell in cells]
     named = {"type": "name", "properties": {"name": crs}}
     content = json.dumps({"type": "MultiPoint", "coordinates": places, "crs": named})
-    path.write_bytes(geopackage_bytes({"stops": content.encode()}))
+    path.write_bytes(geopackage_bytes("stops", content.encode()))
     return path
 
 

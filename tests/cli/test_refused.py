@@ -58,7 +58,6 @@ $PLAN --step-cost tobler --memory 1kB          | in memory alone | directed
 $PLAN --step-cost tobler --refine any-angle    | refine='any-angle' prices lines by the map's cost
 $PLAN --set radius_m=2 --set turning_radius_m=4 | is a disc: wanted no other values
 $PLAN --format gpx                             | --format needs -o
-$REACH --within-cost 3 --format gpkg           | --format needs -o
 $BODY --rescale 2                              | a body is checked on the ground itself: leave it out
 $PLAN --rocks 0.1                              | no such option '--rocks'
 $PLAN --workload body-rocks30                  | 0 to 20 percent
@@ -116,7 +115,6 @@ $RUN --method magic                            | method: wanted one of auto, ast
 $RUN --loop cores=[-1]                         | cores
 $RUN --profile none                            | profile
 $RUN --record no/such/folder.jsonl             | could not be written
-$RUN --metrics metrics.prom                    | 'metrics.prom' is not a valid integer
 $RUN --json                                    | --json prints on stdout
 simulate --start 3,3                           | both --start and --goal
 simulate --picture drive.jpg                   | .png or .gif file, got drive.jpg
@@ -181,7 +179,6 @@ $REACH --within-cost 3 --step-cost energy      | needs a table [mobility.energy]
 costmap hills.tif -o cost.gif                  | must end in .tif
 costmap hills.tif -o ''                        | wanted a path, got nothing
 costmap hills.tif -o pipe.npy                  | it is no plain file
-costmap hills.tif -o cost.npz --memory 1kB  | must end in .tif
 $COST --limit slope_limit_deg=95               | got 95
 $COST --limit step_limit_m=high                | wanted KEY=VALUE in TOML, such as hard_slope_deg=20
 $COST --limit "hard_slope_deg='x'"             | hard_slope_deg

@@ -38,7 +38,7 @@ LOGGING_COMMANDS = (
 )  # they log what they refuse, before they end, and keep logs and recordings
 _TEMPORARY = re.compile(r"^\..*\.[0-9a-f]{6,}$")
 _PROGRESS = re.compile(
-    r"^([\w ]+: \d+ %, [\d.]+ min(, [\d.]+ min left)?|(ready|recording|metrics|listening|warning): .*|(others "
+    r"^([\w ]+: \d+ %, [\d.]+ min|(ready|recording|listening|warning): .*|(others "
     r"use|peak memory, in) .*|(loading the package|reading|costs of the map|planning|comparing|"
     r"measuring|drawing and writing|searching|driving|compiling)\b.*)$"
 )

@@ -92,7 +92,7 @@ _SIZES = str.split(
 _ODD_WORDS = (*_PLACES, *_SIZES, *WORDS, *NUMBERS)
 _INPUTS = str.split(
     "in/dem.npz in/dem.npy in/dem.tif in/dem.png in/dem.asc in/cost.npz in/drive.jsonl "
-    "in/profile.toml in/tiny.onnx in/dem.img in/set"
+    "in/profile.toml in/tiny.onnx in/dem.asc in/set"
 )
 _ODD = ["", *str.split(". odd/loop odd/null odd/link"), "odd/" + "x" * 300, "y/" * 2500 + "x"]
 _ODD_INPUTS = [
@@ -103,7 +103,7 @@ _ODD_OUTPUTS = [
     *_ODD,
     *str.split("out odd/full in/dem.npz/x.png /proc/none/x old/old.png old/old.npz old/old.json"),
 ]
-_ENDINGS = (*str.split(".tif .tiff .npy .npz .png .gif .json .jsonl .mcap .onnx .html .rrd .X"), "")
+_ENDINGS = (*str.split(".tif .tiff .npy .npz .png .gif .json .jsonl .mcap .onnx .html .X"), "")
 _PATIENT = ("stay", "start_up", "ticks", "rate", "rate_hz")  # with these a command may rightly wait
 _LINES = (
     b'{"type":"pose","row":2,"col":2}',

@@ -145,12 +145,11 @@ def test_quantiles_are_right_to_a_bucket(values, share):
     assert histogram.summary_ms()["mean"] == pytest.approx(1e3 * np.mean(values))
 
 
-def test_a_histogram_takes_any_duration_and_says_how_many_were_shorter_exactly():
+def test_a_histogram_takes_any_duration():
     histogram = Histogram()
     assert histogram.quantile(0.5) == histogram.summary_ms()["mean"] == 0.0
     for value in (0.9e-3, 1.023e-3, 1.024e-3, 1.1e-3, 2.1e-3):
         histogram.add(value)
-    assert histogram.shorter((9, 10, 11, 12)) == [0, 2, 4, 5, 5]
     assert histogram.sum_s == pytest.approx(6.147e-3)
     for value in (0.0, -1.0, 1e9):
         histogram.add(value)
@@ -491,8 +490,6 @@ def test_it_runs_at_its_rate_and_sends_answers_and_status():
     assert paths[0].start == (7, 3)
     assert (counters.ticks, counters.patches) == (41, 1)
     assert counters.tick_ms["max"] >= counters.tick_ms["p50"] > 0.0
-    shorter = list(counters.tick_histogram.values())
-    assert shorter == sorted(shorter) and shorter[-1] == 41
     assert counters.rss_bytes > 1e6
     status = [m for m in sink.messages if isinstance(m, StatusMessage)]
     assert 1 <= len(status) <= elapsed_s / 0.05 + 1

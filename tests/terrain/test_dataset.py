@@ -3,7 +3,6 @@
 import io
 import json
 import signal
-from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 
 import msgspec
@@ -295,27 +294,11 @@ def test_cells_that_are_not_square_are_judged_by_both_sides(tmp_path):
     assert planes[:, 1, 2:-2, 2:-2].max() == 0  # a slope of 6°, not of 45°
 
 
-def test_a_process_that_makes_shards_ends_at_once_when_it_is_interrupted(tmp_path, monkeypatch):
-    """It begins with the interrupt held back, until it can end without a word."""
-    held_back = []
-
-    class Pool(ThreadPoolExecutor):
-        def __init__(self, *_):
-            super().__init__(1)
-
-        def submit(self, _, index):
-            held_back.append(signal.pthread_sigmask(signal.SIG_BLOCK, ()))
-            return super().submit(lambda: (index, shard_content(RECIPE, [], index)))
-
-    monkeypatch.setattr(dataset, "ProcessPoolExecutor", Pool)
-    make_dataset(RECIPE, tmp_path)
-    assert held_back == [{signal.SIGINT}] * RECIPE.shards
+def test_a_process_that_makes_shards_ends_at_once_when_it_is_interrupted():
     before = signal.getsignal(signal.SIGINT)
     try:
-        signal.pthread_sigmask(signal.SIG_BLOCK, held_back[0])
         dataset.start_worker(RECIPE, [])
         assert signal.getsignal(signal.SIGINT) is signal.SIG_DFL
-        assert not signal.pthread_sigmask(signal.SIG_BLOCK, ())
     finally:
         signal.signal(signal.SIGINT, before)
 

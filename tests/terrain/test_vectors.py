@@ -43,7 +43,7 @@ def content(kind, places, crs=UTM):
 
 def write(path, places, crs=UTM, kind="MultiPoint"):
     made = content(kind, places, crs)
-    path.write_bytes(made if path.suffix == ".geojson" else geopackage_bytes({"stops": made}))
+    path.write_bytes(made if path.suffix == ".geojson" else geopackage_bytes("stops", made))
     return str(path)
 
 
@@ -74,9 +74,8 @@ def test_points_in_the_maps_system_are_taken_as_they_are_in_their_order(tmp_path
         bare = write_points(tmp_path / "b.shp", PLACES, crs=None, driver="ESRI Shapefile")
     packed = write_points(tmp_path / "a.fgb", PLACES, driver="FlatGeobuf")
     for path in (*several, single, bare, packed):
-        found, _, word = points_of(path, dem())
+        found, word = points_of(path, dem())
         assert list(map(tuple, found.tolist())) == PLACES and word == ""
-    assert points_of(single, dem()).names == ["0", "2", "3"]
 
 
 def test_points_in_another_system_are_reprojected_and_it_is_said(tmp_path):
@@ -92,7 +91,7 @@ def test_points_in_another_system_are_reprojected_and_it_is_said(tmp_path):
         write(tmp_path / "a.geojson", there, None),
         str(tmp_path / "a.gpx"),
     ):
-        found, _, word = points_of(path, dem())
+        found, word = points_of(path, dem())
         assert found == pytest.approx(np.array(PLACES), abs=1e-3)
         assert word == f"{path}: reprojected from WGS 84 to WGS 84 / UTM zone 15N"
 
@@ -135,7 +134,7 @@ def test_a_file_that_is_nested_too_deep_or_holds_other_shapes_is_refused(tmp_pat
     (tmp_path / "a.geojson").write_bytes(b'{"a":' * 90_000)
     with pytest.raises(VectorFileError, match="nested too deep"):
         points_of(str(tmp_path / "a.geojson"), dem())
-    (tmp_path / "a.gpkg").write_bytes(geopackage_bytes({"ways": content("LineString", PLACES)}))
+    (tmp_path / "a.gpkg").write_bytes(geopackage_bytes("ways", content("LineString", PLACES)))
     with pytest.raises(VectorFileError, match="other shapes"):
         points_of(str(tmp_path / "a.gpkg"), dem())
 
@@ -191,12 +190,12 @@ def test_no_path_is_a_geopackage_without_a_line_and_a_gpx_without_points(tmp_pat
     empty = route(cells=())
     (tmp_path / "a.gpkg").write_bytes(empty.geopackage({"status": "NO_PATH", "cost": None}))
     assert pyogrio.raw.read(tmp_path / "a.gpkg")[2].tolist() == [None]
-    tree = ElementTree.fromstring(empty.gpx("a way", [("start", (3, 4))]))
-    assert [each.tag.rpartition("}")[2] for each in tree] == ["wpt", "trk"]
+    tree = ElementTree.fromstring(empty.gpx("a way", [(3, 4), (4, 6)]))
+    assert [each.tag.rpartition("}")[2] for each in tree] == ["wpt", "wpt", "trk"]
 
 
 def test_gpx_holds_the_track_where_the_map_lies_on_the_earth(tmp_path):
-    (tmp_path / "a.gpx").write_bytes(route().gpx("a <way>", [("camp", (3, 4)), ("goal", (4, 6))]))
+    (tmp_path / "a.gpx").write_bytes(route().gpx("a <way>", [(3, 4), (4, 5), (4, 6)]))
     _, _, shapes, (heights,) = pyogrio.raw.read(
         tmp_path / "a.gpx",
         layer="track_points",
@@ -205,9 +204,9 @@ def test_gpx_holds_the_track_where_the_map_lies_on_the_earth(tmp_path):
     there = lonlat_of(dem(), places_of(dem(), np.array([(3.0, 4.0)])))[0]
     assert struct.unpack("<dd", shapes[0][5:21]) == pytest.approx(there, abs=1e-8)
     names = pyogrio.raw.read(tmp_path / "a.gpx", layer="waypoints", columns=["name"])[3][0].tolist()
-    assert names == ["camp", "goal"] and heights.tolist() == [4.0, 5.0, 6.0]
+    assert names == ["start", "via 1", "goal"] and heights.tolist() == [4.0, 5.0, 6.0]
     with pytest.raises(InvalidQueryError, match="on the Earth"):
-        route(Georeference(MOON, PLACE.transform)).gpx("a way", [("start", (3, 4))])
+        route(Georeference(MOON, PLACE.transform)).gpx("a way", [(3, 4), (4, 6)])
 
 
 def crs_of_geojson(place, folder):
@@ -256,21 +255,6 @@ def test_areas_are_the_cells_that_are_reached_with_their_holes(place):
 def test_geojson_without_a_system_is_taken_in_the_map_s_on_another_body(tmp_path):
     moon = dem(Georeference(MOON, (2.0, 0.0, 1000.0, 0.0, -2.0, 500.0)))
     on_it = [(1010.0, 480.0), (1020.0, 470.0)]
-    found, _, word = points_of(write(tmp_path / "a.geojson", on_it, None), moon)
+    found, word = points_of(write(tmp_path / "a.geojson", on_it, None), moon)
     assert found.tolist() == list(map(list, on_it))
     assert "names no coordinate system: taken in the map's own" in word
-
-
-NAMED = """{"type": "FeatureCollection", "features": [
-    {"type": "Feature", "properties": {"Name": "camp"},
-     "geometry": {"type": "Point", "coordinates": [-94.1, 45.1]}},
-    {"type": "Feature", "properties": {"Name": null},
-     "geometry": {"type": "Point", "coordinates": [-94.1, 45.1]}},
-    {"type": "Feature", "properties": {"Name": "rim"},
-     "geometry": {"type": "Point", "coordinates": [-94.2, 45.2]}}]}"""
-
-
-def test_points_have_the_names_of_their_layer(tmp_path):
-    (tmp_path / "a.geojson").write_text(NAMED)
-    assert points_of(str(tmp_path / "a.geojson"), dem()).names == ["camp", "", "rim"]
-    assert points_of(write(tmp_path / "a.gpkg", PLACES), dem()).names == [""] * 3

@@ -1,26 +1,19 @@
 """Batches: the runtime's encodings, positions, and the same ones from a run that goes on."""
 
-import os
-import shutil
 from dataclasses import replace
-from pathlib import Path
 
-import msgspec
 import numpy as np
 import pytest
 import torch
 
 from nnpp_edge.model.network import Network
 from nnpp_edge.model.registry import Spec
-from nnpp_edge.terrain.dataset import GrowingSet, make_dataset, read_samples
 from nnpp_edge.terrain.known import KnownMaps
 from nnpp_edge.training import train as training
 from nnpp_edge.training.batches import POSITIONS, Batches, turned
-from nnpp_edge.training.checkpoint import TrainSettings, load_checkpoint
-from tests.training.conftest import RECIPE, SMALL, enlarged
+from nnpp_edge.training.checkpoint import TrainSettings
+from tests.training.conftest import SMALL, enlarged
 
-APPEARS = {1: "shard-00001.npz", 4: "shard-00002.npz"}
-"""Shards of a growing set, by the step that they appear at."""
 PAPERS = Spec("nnpp", 128, options={"width": 2})
 
 
@@ -106,70 +99,21 @@ def test_the_rest_of_an_epoch_is_that_of_the_whole(batches):
     assert not alike(next(batches.epoch(3)), whole[0])
 
 
-def test_samples_added_are_those_read_at_once(samples):
-    settings = TrainSettings(batch=8)
-    half = len(samples) // 2
-    grown = Batches(samples.pick(range(half)), SMALL, settings)
-    grown.extend(samples.pick(range(half, len(samples))))
-    whole = Batches(samples, SMALL, settings)
-    assert all(map(alike, grown.epoch(0), whole.epoch(0)))
-
-
-@pytest.fixture(scope="module")
-def shards(tmp_path_factory):
-    """A data set of three shards."""
-    folder = tmp_path_factory.mktemp("shards") / "set"
-    make_dataset(msgspec.structs.replace(RECIPE, maps=12, maps_per_shard=4), folder, workers=1)
-    return folder
-
-
-def planes_of_a_run(monkeypatch, source, judged_on, folder, pauses):
-    """The planes of all steps on a set whose second and third shards appear within an epoch, in
-    calls that end after these numbers of steps.
-    """
-    set_of = folder / "set"
-    set_of.mkdir(parents=True)
-    shutil.copy(source / "dataset.json", set_of)
+def test_a_resumed_run_sees_the_batches_of_an_unbroken_one(monkeypatch, samples, tmp_path):
+    """In calls that end within an epoch."""
     seen = []
-    step = training.TrainingProcess.step
+    step = training.TrainingRun.step
 
     def recorded(run, batch):
-        if run.progress.step in APPEARS:
-            shutil.copy(source / APPEARS[run.progress.step], set_of)
         seen.append(batch[0].clone())
         step(run, batch)
 
-    monkeypatch.setattr(training.TrainingProcess, "step", recorded)
-    shutil.copy(source / "shard-00000.npz", set_of)
-    for steps in pauses:
-        settings = TrainSettings(batch=8, steps=steps, validations=1, warmup_steps=1)
-        with GrowingSet(set_of, size=64) as growing:
-            training.train(SMALL, settings, growing, judged_on, folder / "run", omega=0.011)
-    return seen
-
-
-def test_a_resumed_run_on_a_growing_set_sees_the_batches_of_an_unbroken_one(
-    monkeypatch, samples, shards, tmp_path
-):
-    few = samples.pick(range(2))
-    with monkeypatch.context() as patch:
-        whole = planes_of_a_run(patch, shards, few, tmp_path / "whole", [9])
-    with monkeypatch.context() as patch:
-        parts = planes_of_a_run(patch, shards, few, tmp_path / "parts", [2, 5, 9])
-    assert len(whole) == len(parts) == 9
-    assert all(map(torch.equal, whole, parts))
-    assert load_checkpoint(tmp_path / "parts" / "run" / "last.pt").progress.shards > 1
-
-
-def test_missing_shards_are_made_while_a_set_is_read(shards, tmp_path):
-    folder = tmp_path / "set"
-    folder.mkdir()
-    for name in ("dataset.json", "shard-00000.npz"):
-        shutil.copy(shards / name, folder)
-    with GrowingSet(folder, make=True) as growing:
-        first = growing.read(growing.ready())
-        while growing.growing():
-            os.sched_yield()
-        rest = growing.read(growing.ready())
-    whole = read_samples(Path(shards))
-    np.testing.assert_array_equal(np.concatenate([first.excess, rest.excess]), whole.excess)
+    monkeypatch.setattr(training.TrainingRun, "step", recorded)
+    some = samples.pick(range(40))
+    for folder, calls in (("whole", [9]), ("parts", [2, 7, 9])):
+        for steps in calls:
+            settings = TrainSettings(batch=8, steps=steps, validations=1, warmup_steps=1)
+            few = samples.pick(range(2))
+            training.train(SMALL, settings, some, few, tmp_path / folder, omega=0.011)
+    assert len(seen) == 18
+    assert all(map(torch.equal, seen[:9], seen[9:]))

@@ -1,16 +1,9 @@
-"""Training runs: their losses, how they are resumed and repeated, checkpoints, batches, several
-processes.
-"""
+"""Training runs: their losses, how they are resumed and repeated, checkpoints, batches."""
 
 import itertools
 import json
 import math
-import os
-import shutil
-import subprocess
-import sys
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -20,16 +13,14 @@ import torch
 from nnpp_edge.model.encoding import encode_ends
 from nnpp_edge.model.network import Network
 from nnpp_edge.model.registry import Spec
-from nnpp_edge.runtime.errors import InvalidQueryError, ModelError
-from nnpp_edge.terrain.dataset import read_samples
+from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.training.batches import Batches
 from nnpp_edge.training.checkpoint import load_checkpoint
-from nnpp_edge.training.train import Processes, TrainSettings, train
+from nnpp_edge.training.train import TrainSettings, train
 from nnpp_edge.training.validation import Validator
 from tests.training.conftest import RECIPE, SMALL, VALIDATED_AFTER, enlarged
 
-ROOT = Path(__file__).parent.parent.parent
-RUN = ("begin_with", "pause_after_s", "judged_on")
+RUN = ("begin_with", "judged_on")
 
 
 def run(samples, folder, spec=SMALL, **changes):
@@ -210,78 +201,6 @@ def test_the_papers_targets_are_the_blocks_of_the_path(samples):
     assert set(np.unique(target)) == {0.0, 1.0}
     assert target.sum(axis=(1, 2)).min() >= 2
     assert target.mean() < 0.2
-
-
-IN_TWO_PROCESSES = """
-import sys
-from pathlib import Path
-sys.path.insert(0, sys.argv[1])
-from tests.training.test_training import losses
-losses(Path(sys.argv[2]), Path(sys.argv[3]))
-"""
-
-
-def losses(dataset, folder, seed=3):
-    """The loss of each step of a run whose answer for a sample depends on no other sample of the
-    batch, as with batch norm it would.
-    """
-
-    def norm_of_one_sample(self, x):
-        return torch.nn.functional.group_norm(x, 1, self.weight, self.bias)
-
-    torch.set_num_threads(1)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(torch.nn.BatchNorm2d, "forward", norm_of_one_sample)
-        saved = run(read_samples(dataset), folder, epochs=2, validations=1000, seed=seed)
-    return np.array([row["loss"] for row in saved.progress.history[1:]])
-
-
-@pytest.mark.slow
-def test_two_processes_under_torchrun_learn_as_one_does(dataset, tmp_path):
-    """Step by step the same loss, to rounding. Another seed, that is, other samples in a step, sets
-    the curves a thousand times as far apart as is allowed.
-    """
-    script = tmp_path / "run.py"
-    script.write_text(IN_TWO_PROCESSES)
-    command = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node=2"]
-    environment = os.environ | {"CUDA_VISIBLE_DEVICES": "", "OMP_NUM_THREADS": "1"}
-    ended = subprocess.run(
-        [*command, script, ROOT, dataset, tmp_path / "two"],
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=150,
-    )
-    assert ended.returncode == 0, ended.stderr[-2000:]
-    history = json.loads((tmp_path / "two" / "history.json").read_text())
-    one = losses(dataset, tmp_path / "one")
-    assert len(one) > 10
-    np.testing.assert_allclose([row["loss"] for row in history[1:]], one, rtol=1e-4)
-    other = losses(dataset, tmp_path / "other", seed=2)
-    assert np.abs(other / one - 1.0).max() > 0.1
-
-
-def test_a_batch_that_cannot_be_shared_out_is_refused(samples, tmp_path, monkeypatch):
-    monkeypatch.setattr(Processes, "join", lambda: Processes(0, 3, torch.device("cpu")))
-    with pytest.raises(InvalidQueryError, match="multiple of the 3 processes, got 16"):
-        run(samples, tmp_path)
-
-
-def test_only_the_first_process_prints_and_draws(
-    nnpp_edge, dataset, trained, tmp_path, monkeypatch
-):
-    best = tmp_path / "best.pt"
-    shutil.copy(trained.folder / "last.pt", tmp_path)
-    monkeypatch.setattr("nnpp_edge.training.train.train", lambda *_, **__: best)
-    monkeypatch.setattr("nnpp_edge.terrain.dataset.read_samples", lambda *_, **__: None)
-    words = ("train", dataset, "--validation", dataset, "-o", tmp_path, "--json")
-    monkeypatch.setenv("RANK", "1")
-    ended = nnpp_edge(*words)
-    assert (ended.code, ended.out, ended.err) == (0, "", "")
-    assert not (tmp_path / "curves.png").exists()
-    monkeypatch.setenv("RANK", "0")
-    assert nnpp_edge(*words).json["history"][-1]["loss"] > 0.0
-    assert (tmp_path / "curves.png").exists()
 
 
 def test_an_architecture_that_does_not_exist_is_refused():

@@ -124,25 +124,6 @@ def test_what_the_command_line_describes_is_copied_too(nnpp_edge, site):
     assert plan.ok and json.loads(told)["cost"] == round(plan.cost, 6)
 
 
-def test_blocks_of_a_coarse_map_count_by_their_prices(site):
-    blocks = Site.of(site.dem, site.path, {}, blocks=(8, "slope"))
-    plan = planned(blocks, PLAIN)
-    found = Answerer(blocks, PLAIN).landscape(PLAIN)
-    words = command_of(blocks, PLAIN).split()
-    shown = ["--known", "8:slope", "--start", "8,8", "--goal", "86,110"]
-    assert words[1] == "view" and words[3:] == shown
-    assert (
-        plan.planner == "corridor"
-        and plan.cost != planned(site, PLAIN).cost
-        and plan.numbers.climb_m > 0.0
-    )
-    assert plan.traverse_cost == pytest.approx(found.cost[tuple(plan.path.T)].sum(), rel=1e-5)
-    on_foot = ask(
-        Answerer(blocks, PLAIN), want="path", asked=with_values(PLAIN, step_cost="tobler")
-    )[0]
-    assert on_foot["problem"].startswith("blocks of a coarse map")
-
-
 @pytest.mark.parametrize("name", ["plain", "on foot", "vehicle"])
 def test_obstacles_that_come_and_go_leave_the_map_as_if_made_so(site, name):
     rng = np.random.default_rng(4)

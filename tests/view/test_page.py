@@ -274,22 +274,6 @@ def test_the_path_is_downloaded(tab):
     assert tab.page.is_visible("[data-format=gpkg]")
 
 
-def test_a_map_is_dropped_onto_the_page(tab, tmp_path):
-    (tmp_path / "no.txt").write_text("no map")
-    tab.page.set_input_files("#file", tmp_path / "no.txt")
-    tab.until("document.querySelector('#notice').textContent.startsWith('no.txt: wanted ')")
-    content = write_ground(tmp_path, 48, 60).read_bytes()
-    drop = "bytes => { const files = new DataTransfer(); "
-    drop += "files.items.add(new File([new Uint8Array(bytes)], 'mine.npz')); "
-    drop += (
-        "document.dispatchEvent(new DragEvent('drop', {dataTransfer: files, cancelable: true})); }"
-    )
-    tab.page.evaluate(drop, list(content))
-    tab.page.wait_for_url("**/?map=1")
-    tab.until(f"document.querySelector('#name').textContent === 'mine.npz' && {LINE} && {COMPARED}")
-    assert "48 × 60 cells" in tab.page.inner_text("#size")
-
-
 def test_a_run_is_followed(browser, tmp_path):
     with serving(write_ground(tmp_path), "--follow") as running:
         tab = Tab(browser.new_page(), running.address)

@@ -65,57 +65,16 @@ def test_questions_are_answered_and_what_is_too_long_is_not_read(server):
     assert got(server.port, "/other", b"{}")[0] == 404
 
 
-def dropped(server, content, name, **headers):
-    status, _, answer = got(server.port, "/drop", content, **{"X-Name": name} | headers)
-    return json.loads(answer) if status == 200 else status
-
-
-def test_a_dropped_map_is_another_and_two_are_kept(server, tmp_path):
-    write_ground(tmp_path, 30, 70)
-    content = (tmp_path / "ground.npz").read_bytes()
-    numbers = [dropped(server, content, "../other%20map.npz")["map"] for _ in range(3)]
-    assert got(server.port, f"/opening?map={numbers[0]}")[0] == 404
-    assert got(server.port, f"/ask?map={numbers[0]}", b"{}")[0] == 404
-    for number, name, shape in (
-        (0, "ground.npz", [96, 120]),
-        *((n, "_other_map.npz", [30, 70]) for n in numbers[1:]),
-    ):
-        site = json.loads(got(server.port, f"/opening?map={number}")[2])
-        assert (site["name"], site["shape"]) == (name, shape) and got(
-            server.port, f"/?map={number}"
-        )[0] == 200
-        asked = {name: site["asked"][name] for name in ("start", "goal")}
-        path = json.loads(
-            got(server.port, f"/ask?map={number}", json.dumps({"want": "path", "asked": asked}))[2]
-        )
-        assert path["ok"] and path["command"].split()[2].endswith(name)
-
-
-def test_what_is_dropped_and_is_no_map_is_refused_in_a_line(server):
-    for content, name in ((b"no map", "a.tif"), (b"", "b.npz"), (b"x", ".."), (b"x", "")):
-        told = dropped(server, content, name)
-        assert set(told) == {"problem"} and "wanted" in told["problem"]
-        assert "\n" not in told["problem"] and "/" not in told["problem"].partition(":")[0]
-    assert dropped(server, b"x", "a.tif", Origin="http://evil.example") == 403
-    assert got(server.port, "/drop", None)[0] == 404
-
-
-def test_numbers_that_make_no_sense_are_answered_in_a_line_once_the_host_is_checked(server):
+def test_lengths_that_make_no_sense_are_answered_in_a_line(server):
     """Python refuses to convert 5,000 digits; the server's end says that it printed nothing."""
     for length, code in ((1 << 29, b" 413 "), ("9" * 5000, b" 400 "), (-1, b" 400 ")):
         with socket.create_connection(("127.0.0.1", server.port)) as large:
             head = (
-                HALF.replace(b"GET /", b"POST /drop")
+                HALF.replace(b"GET /", b"POST /ask")
                 + f"Origin: http://127.0.0.1\r\nContent-Length: {length}\r\n\r\n".encode()
             )
             large.sendall(head)
             assert code in large.recv(1 << 16)
-    for number in ("9" * 5000, "-1", "x"):
-        for path, body in (("/opening", None), ("/ask", b"{}")):
-            status, _, told = got(server.port, f"{path}?map={number}", body)
-            assert status == 400 and b"wanted a map's number after ?map=" in told
-    status, _, told = got(server.port, f"/?map={'9' * 5000}", Host="evil.example")
-    assert status == 400 and b"for this machine alone" in told
 
 
 def test_a_run_that_is_followed_is_told_as_it_comes(tmp_path):
@@ -147,7 +106,7 @@ def test_it_tells_what_it_waits_for_while_it_plans():
             return b"{}"
 
     with PageServer(0) as running:
-        running.maps.append(slow := Slow())
+        running.answerer = slow = Slow()
         threading.Thread(target=running.serve, daemon=True).start()
         port = running.server_address[1]
         asking = threading.Thread(target=got, args=(port, "/ask", b"{}"))

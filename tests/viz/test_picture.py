@@ -109,7 +109,7 @@ def test_a_path_on_the_optimum_hides_no_more_than_its_middle():
     assert 500 < count(picture, PATH) < count(alone, PATH) - 500
 
 
-def test_a_short_path_is_shown_with_the_ground_around_it_and_the_map_in_a_corner():
+def test_a_short_path_is_shown_with_the_ground_around_it():
     heights = uniform(1, (1000, 1000))
     chart = Chart(np.zeros((1000, 1000), np.float32), heights, (1.0, 1.0), 0.0)
     plan = Planner(chart.cost).plan((100, 100), (200, 180), method="astar")
@@ -118,9 +118,7 @@ def test_a_short_path_is_shown_with_the_ground_around_it_and_the_map_in_a_corner
     picture = chart.picture((100, 100), (200, 180), part=part)
     alone = replace(chart, cost=chart.cost[slices(part)], elevation=heights[slices(part)])
     plain = alone.picture((100 - row, 100 - col), (200 - row, 180 - col))
-    corner = (picture[: len(plain)] != plain)[:, :, 0]
-    assert 0.01 < corner.mean() < 0.1, "the overview"
-    assert not corner[: len(corner) // 2, : corner.shape[1] // 2].any(), "away from the start"
+    np.testing.assert_array_equal(picture, plain)
     assert chart.around(np.array([(0, 0), (999, 900)])) == chart.whole
     picture = plan_picture(chart, plan, (100, 100), (200, 180))
     assert count(picture, PATH) > 1000

@@ -4,7 +4,6 @@ import signal
 from collections.abc import Callable
 from contextlib import ExitStack, closing
 
-from nnpp_edge.robot.operations.metrics import serving_metrics
 from nnpp_edge.robot.operations.systemd import Notifier
 from nnpp_edge.robot.transports.mcap_log import McapLog
 from nnpp_edge.robot.transports.recording import RecordedSource, RecordingFile
@@ -87,9 +86,6 @@ def run(
             paced=not wiring.fast,
             after_tick=after_tick,
         )
-        if wiring.metrics is not None:
-            address = stack.enter_context(serving_metrics(wiring.metrics, loop.counters))
-            report(f"metrics: {address}")
         with handling_signals(loop), stack:
             notifier.ready()
             rows, cols = navigator.map.shape

@@ -14,8 +14,6 @@ from nnpp_edge.runtime.arrays import Floats
 from nnpp_edge.runtime.loop.messages import PathMessage
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.planners.plan import Plan
-from nnpp_edge.runtime.terrain.vehicle import Vehicle
-from nnpp_edge.viz.picture import body_outlines
 
 if TYPE_CHECKING:
     from nnpp_edge.robot.ros2.node import PlannerNode
@@ -24,11 +22,8 @@ TOPICS = {
     "plan": "nav_msgs.msg:Path",
     "plan_gears": "std_msgs.msg:Int8MultiArray",
     "traversability": "nav_msgs.msg:OccupancyGrid",
-    "footprints": "visualization_msgs.msg:MarkerArray",
     "/diagnostics": "diagnostic_msgs.msg:DiagnosticArray",
 }
-_LINE_M = 0.05
-"""Width of a footprint's outline."""
 
 
 def poses_of(answer: PathMessage | Plan, frame: MapFrame, goal: PoseInFrame | None) -> Floats:
@@ -82,28 +77,6 @@ class Outlet:
     def costs(self, state: MapState, frame: MapFrame) -> bool:
         """Publish what the map costs, if somebody listens; whether somebody does."""
         return self.show("traversability", lambda: grid_message(state.cost(), frame, self.now_ns))
-
-    def footprints(
-        self, vehicle: Vehicle | None, answer: PathMessage | None, frame: MapFrame
-    ) -> None:
-        """Publish the vehicle's outlines along a path as one marker, if somebody listens."""
-
-        def made() -> Ros:
-            from geometry_msgs.msg import Point
-            from visualization_msgs.msg import Marker, MarkerArray
-
-            marker = Marker(ns="footprints", type=Marker.LINE_LIST, header=self._header())
-            marker.scale.x = _LINE_M
-            marker.color.g = marker.color.a = 1.0
-            if answer is not None and vehicle is not None:
-                sides = (frame.resolution, frame.resolution)
-                for outline in body_outlines(answer.path, vehicle, sides, answer.headings_deg):
-                    points = frame.metres(outline + 0.5)
-                    ends = np.repeat(points, 2, axis=0)[1:-1]  # each of its lines by both ends
-                    marker.points += [Point(x=x, y=y) for x, y in ends.tolist()]
-            return MarkerArray(markers=[marker])
-
-        self.show("footprints", made)
 
     def show(self, topic: str, make: Callable[[], Ros]) -> bool:
         """Publish what `make` makes, if somebody listens; whether somebody does."""

@@ -160,7 +160,7 @@ class Session:
 
     def _publish_state(self, message: StatusMessage) -> None:
         """How it is: an error without a path, a warning where ticks were late, answers degraded or
-        errors caught since the last one; then map and body.
+        errors caught since the last one; then the map.
         """
         counts = asdict(message.counters)
         odd = [counts[name] for name in _ODD]
@@ -174,7 +174,6 @@ class Session:
         state = self.navigator.map
         if state.log.version != self._shown_version and self._outlet.costs(state, self.frame):
             self._shown_version = state.log.version
-        self._outlet.footprints(state.vehicle, self._newest[1], self.frame)
 
     def _run(self) -> None:
         try:

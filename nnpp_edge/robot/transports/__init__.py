@@ -69,13 +69,6 @@ TRANSPORTS = (
         "Write inputs and answers to this .mcap file, likewise.",
         "mcap_log:McapLog",
     ),
-    TransportEntry(
-        "view",
-        "--view WHERE",
-        "Map and path in rerun: 'here' starts a viewer, rerun+http://HOST:9876/proxy is one, "
-        "FILE.rrd is written.",
-        "rerun_view:RerunSink",
-    ),
 )
 
 

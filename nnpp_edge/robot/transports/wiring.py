@@ -4,8 +4,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
-import click
-
 from nnpp_edge.robot.transports import TRANSPORTS, TransportEntry, entries, find
 from nnpp_edge.runtime.errors import InvalidQueryError
 
@@ -16,7 +14,6 @@ if TYPE_CHECKING:
 STDOUT = "stdout"
 NONE = "none"
 _HELP = {entry.option: entry.help for entry in TRANSPORTS}
-View = Annotated[str | None, {"metavar": "WHERE"}, _HELP["view"]]
 
 
 def _forms(option: str) -> str:
@@ -53,13 +50,6 @@ class Wiring:
     ] = None
     record: Annotated[Path | None, _HELP["record"]] = None
     log: Annotated[Path | None, _HELP["log"]] = None
-    metrics: Annotated[
-        int | None,
-        click.IntRange(0, 65535),
-        {"metavar": "PORT"},
-        "Serve the counters to Prometheus at this port.",
-    ] = None
-    view: View = None
 
     def __post_init__(self) -> None:
         name = self.source[0].name
@@ -93,7 +83,7 @@ class Wiring:
     def watchers(self) -> list[tuple[TransportEntry, str]]:
         """The transports that have an option of their own, where it is given."""
         found = []
-        for option in ("record", "log", "view"):
+        for option in ("record", "log"):
             place = getattr(self, option)
             if place is not None:
                 found += [(entry, str(place)) for entry in entries(option)]

@@ -81,18 +81,14 @@ function over(cell) {
   else byId("place").hidden = true;
 }
 
-fetch(`/opening${location.search}`).then(async (answer) =>
-  answer.ok ? opening(await answer.json()) : tell("This map is no longer open: of those that were dropped onto the page the last two are kept."),
-);
+fetch("/opening").then(async (answer) => opening(await answer.json()));
 
-let known = 1; // cells of a followed robot along one of the map
 function opening(site) {
   const [rows, cols] = site.shape;
   byId("name").textContent = site.name;
   document.title = `${site.name} – nnpp-edge view`;
   byId("size").textContent = `${rows} × ${cols} cells of ${Number(site.sides_m[0].toPrecision(4))} m`;
   map.open(rows, cols, site.sides_m);
-  known = site.known;
   asked = site.asked;
   controls = new Controls(site, change);
   colourRefused(site.refused.map(({ colour }) => colour));
@@ -256,40 +252,15 @@ function save({ file, content, problem }) {
 for (const button of document.querySelectorAll("[data-format]"))
   button.addEventListener("click", () => link.ask("file", { format: button.dataset.format }));
 
-// A map that is dropped, or opened, is a page of its own.
-async function open(file) {
-  if (!file) return;
-  byId("busy").hidden = false;
-  byId("busy").textContent = `reading ${file.name} …`;
-  const most = 2 ** 28;
-  try {
-    if (file.size > most) throw new Error(`${file.name}: wanted at most 256 MiB, got ${Math.ceil(file.size / 2 ** 20)}; start nnpp-edge view with it`);
-    const response = await fetch("/drop", { method: "POST", body: file, headers: { "X-Name": encodeURIComponent(file.name) } });
-    const { map: number, problem } = await response.json();
-    if (problem) throw new Error(problem);
-    location.search = `?map=${number}`;
-  } catch ({ message }) {
-    tell(message);
-    byId("busy").hidden = true;
-  }
-}
-document.addEventListener("dragover", (event) => event.preventDefault());
-document.addEventListener("drop", (event) => {
-  event.preventDefault();
-  open(event.dataTransfer.files[0]);
-});
-byId("open").addEventListener("click", () => byId("file").click());
-byId("file").addEventListener("change", ({ target }) => open(target.files[0]));
-
 // A robot that is followed.
-const news = async () => (await fetch(`/news${location.search}`)).json();
+const news = async () => (await fetch("/news")).json();
 const driven = [];
 async function follow() {
   const { live } = await news();
   if (live === null) return; // none is followed
   if (live.tick !== undefined) {
     if (live.start) driven.push(live.start);
-    map.live(live, driven, known);
+    map.live(live, driven);
     const ended = live.outcome === "OK" ? `by ${live.method}` : live.outcome;
     byId("following").textContent = `Robot, tick ${live.tick}: ${ended}${live.reason && `, ${live.reason}`}`;
     byId("following").hidden = false;

@@ -37,7 +37,7 @@ export class Link {
   // A line of JSON, then the pixels of a layer, or a file.
   async #answer({ want, more, asked }) {
     const body = JSON.stringify({ want, asked, ...more }, (_, value) => value ?? undefined); // what is off is left out
-    const response = await fetch(`/ask${location.search}`, { method: "POST", body });
+    const response = await fetch("/ask", { method: "POST", body });
     if (!response.ok) throw new Error(response.statusText);
     const bytes = new Uint8Array(await response.arrayBuffer());
     const end = bytes.indexOf(10);

@@ -184,12 +184,11 @@ export class MapView {
   }
 
   // A robot's place and heading, its way, and where it has been.
-  live({ start, path, waypoints, headings_deg: [heading = null] }, driven, known) {
-    const blocks = (cells) => cells.map((cell) => cell.map((at) => (at + 0.5) / known - 0.5));
-    this.lineOf("live", blocks(waypoints ?? path));
-    this.lineOf("driven", blocks(driven));
+  live({ start, path, waypoints, headings_deg: [heading = null] }, driven) {
+    this.lineOf("live", waypoints ?? path);
+    this.lineOf("driven", driven);
     byId("robot").hidden = !start;
-    if (start) this.put(byId("robot"), blocks([start])[0]);
+    if (start) this.put(byId("robot"), start);
     byId("robot").classList.toggle("headed", heading !== null);
     byId("robot").style.setProperty("--turn", `${heading ?? 0}deg`);
   }
