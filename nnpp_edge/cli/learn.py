@@ -2,7 +2,7 @@
 
 import io
 import shlex
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import redirect_stdout
 from dataclasses import replace
 from functools import partial
@@ -26,8 +26,6 @@ VALIDATED_ON = 128
 """Maps of the stripe that is held out, for validation."""
 MOST_COMPARED = 2048
 """Cells to a side of the map that planners are compared on, at most."""
-_AT_A_TIME = 20
-"""Queries whose optima are found before they are answered."""
 STEPS = 6
 OWN = "own"
 """Name of the network that is made."""
@@ -164,46 +162,28 @@ def _compared(
     seed: int,
 ) -> str:
     """The network beside other planners on the stripe, in words; figures in a file beside it."""
-    import numpy as np
-
     from nnpp_edge.profiling.evaluate import evaluate, evaluated
     from nnpp_edge.profiling.rivals import EXACT, RivalPlanner, controls, exact_and
-    from nnpp_edge.profiling.suites import LEAST_DISTANCE, Case
+    from nnpp_edge.profiling.suites import terrain_cases
     from nnpp_edge.profiling.worth import beside, verdict
     from nnpp_edge.progress import bar
-    from nnpp_edge.runtime.map.ground import Ground
     from nnpp_edge.runtime.network.inference import NetworkModel
     from nnpp_edge.runtime.planners.plan import Method
     from nnpp_edge.terrain.dataset import read_recipe
-    from nnpp_edge.terrain.labels import random_query
     from nnpp_edge.terrain.shards import read_terrain
 
     (stripe,) = read_terrain(read_recipe(held_out))
     if terrain.rescale is not None:
         stripe = stripe.rescaled(terrain.rescale)
-    heights = np.ascontiguousarray(stripe.elevation[:MOST_COMPARED, :MOST_COMPARED])
-    ground = Ground.of_elevation(
-        heights, stripe.cell_size_m, terrain.limits(), cell_width_m=stripe.cell_width_m
-    )
-    cost = ground.costs()
-    side = max(cost.shape)
-    rng = np.random.default_rng(seed)
-
-    def cases() -> Iterator[Case]:
-        """The map with a few queries at a time, more than are wanted, as some have no path."""
-        for _ in range(0, 2 * queries, _AT_A_TIME):
-            drawn = [random_query(rng, cost, LEAST_DISTANCE * side) for _ in range(_AT_A_TIME)]
-            if ends := tuple(query for query in drawn if query is not None):
-                yield Case(str(terrain.workload), side, cost, ends, ground)
-
+    size = min(MOST_COMPARED, *stripe.shape)
+    name = str(terrain.workload)
+    cases = terrain_cases([stripe], name, size, seed, limits=terrain.limits())
     networks = (OWN, network), ("edge", "edge")
     learned = [RivalPlanner(name, Method.NNPP, NetworkModel(file)) for name, file in networks]
     rivals = exact_and(["corridor"], {}) + learned + controls()
     rivals = [replace(each, omega=omega) for each in rivals]
     with bar("compare", queries) as advance:
-        rows = evaluate(cases(), rivals, queries, progress=advance)
-    if not rows:
-        raise InvalidQueryError(f"{stripe.source}: wanted a path on the stripe, got none")
+        rows = evaluate(cases, rivals, queries, progress=advance)
     figures = evaluated(rows)
     of = rows.by("planner")
     pairs = [beside(name, of[OWN], of[name]) for name in of if name not in (EXACT, OWN)]
@@ -216,9 +196,8 @@ def _compared(
         gap = f"mean gaps differ by {each.gap_points} points"
         speed = f"{each.times_as_fast} times as fast in the median"
         lines.append(f"{OWN} beside {each.other}: {gap}, {speed}: {each.judgement}")
-    size = " × ".join(map(str, cost.shape))
     lines.append(
-        f"{len(of[OWN])} queries on a map of {size} cells that it was not trained on; "
+        f"{len(of[OWN])} queries on maps of {size} × {size} cells that it was not trained on; "
         "brackets: 95 %, had other queries been drawn there"
     )
     lines.append(f"verdict: {told['verdict']}")

@@ -1,5 +1,4 @@
-"""Running experiments into a folder: each is written whole or not at all, and not run again without
-need.
+"""Running experiments into a folder: each is written whole or not at all.
 
 The folder's page says what agrees with the paper.
 """
@@ -93,15 +92,11 @@ def reproduce(
     models: tuple[str, str] = ("paper", "edge"),
     seed: int = 1,
     quick: bool = False,
-    queries: int | None = None,
-    again: bool = False,
-) -> Iterator[tuple[Stored, bool]]:
-    """Run experiments, one at a time: what is stored of each, and whether it was run now rather
-    than complete already.
+) -> Iterator[Stored]:
+    """Run experiments, one at a time: what is stored of each.
 
-    The `names` are of `EXPERIMENTS`, the `models` networks of the paper's method and of ours,
-    `queries` the number of timed ones in place of the settings' own; what is complete is run
-    `again` only if that is asked for. The folder's page is brought up to date after each.
+    The `names` are of `EXPERIMENTS`, the `models` networks of the paper's method and of ours. The
+    folder's page is brought up to date after each, with what earlier runs have left there.
 
     InvalidQueryError if the terrain is too small for one; TerrainError, ModelError or OutputError
     where a file is at fault.
@@ -115,7 +110,7 @@ def reproduce(
     make_folder(output)
     for name in names:
         experiment = EXPERIMENTS[name]
-        settings = experiment.asked(quick=quick, queries=queries)
+        settings = {**experiment.settings, **(experiment.quick if quick else {})}
         used = _networks_used(models, experiment.networks)
         made_with = {
             "made by": f"nnpp-edge {__version__}, seed {seed}" + ", `--quick`" * quick,
@@ -124,10 +119,6 @@ def reproduce(
             "controls": "corridor, straight band, shuffled weights" if used else "none",
             "samples": ", ".join(f"{setting} {value}" for setting, value in settings.items()),
         }
-        stored = read_experiment(output / name)
-        if stored is not None and stored.made_with == made_with and not again:
-            yield stored, False
-            continue
         machine = _machine()
         exercise()  # no kernel is compiled or loaded while the clock runs
         with bar(name, THOUSANDTHS, quiet=True) as advance:
@@ -163,8 +154,7 @@ def reproduce(
             }
         )
         _write_page(output)
-        yield facts, True
-    _write_page(output)
+        yield facts
 
 
 def _networks_used(models: Sequence[str], roles: Sequence[str]) -> str:
@@ -185,16 +175,13 @@ def _machine() -> str:
 
 
 def read_experiment(folder: Path) -> Stored | None:
-    """Content of NAME.json in a finished experiment's folder; None where it is missing or not
-    whole.
-    """
-    place = folder / folder.name
+    """Content of NAME.json in an experiment's folder; None where there is none of this format."""
     try:
-        stored = msgspec.json.decode(place.with_suffix(".json").read_bytes(), type=Stored)
+        content = (folder / folder.name).with_suffix(".json").read_bytes()
+        stored = msgspec.json.decode(content, type=Stored)
     except (OSError, msgspec.DecodeError):
         return None
-    whole = place.with_suffix(".csv").is_file() and place.with_suffix(".png").is_file()
-    return stored if whole and stored.format == FORMAT else None
+    return stored if stored.format == FORMAT else None
 
 
 def _write_page(output: Path) -> None:

@@ -19,7 +19,6 @@ VERDICTS = (KEEP, OPEN, LEAVE)
 def dem(trained_on, monkeypatch):
     """dem.npz, a map of 80 × 160 cells; few queries judge the training."""
     monkeypatch.setattr("nnpp_edge.cli.learn.VALIDATED_ON", 12)
-    monkeypatch.setattr("nnpp_edge.cli.learn._AT_A_TIME", 2)
     return trained_on(80)
 
 
@@ -119,5 +118,5 @@ def test_one_line_leads_from_a_map_to_a_verdict_and_goes_on_where_it_was_stopped
     assert [each["other"] for each in told["beside"]] == others
     assert sorted(told["rows"]) == sorted([*others, "astar", "own"])
     assert told["rows"]["own"]["n"] == 5
-    assert "queries on a map of 80 × 64 cells" in ended.out
+    assert "queries on maps of 64 × 64 cells" in ended.out
     assert json.loads(Path("me/learn.json").read_text())[0][0] in more.err

@@ -138,7 +138,6 @@ simulate --seed -1                             | --seed
 simulate --map hills.npz --log pipe.npy        | it is no plain file
 reproduce table1 --quick --model nope          | 'nope'
 reproduce fig99 -o new                         | wanted EXPERIMENT of table1
-reproduce table2 --queries 0 -o new            | --queries
 reproduce --model edge --model edge --model edge -o new | at most two of --model
 reproduce fig12 --quick --terrain text.txt -o new | text.txt
 reproduce fig7 --quick --terrain hill.npz -o new | wanted terrain of at least 64 cells a side, got 60
@@ -153,7 +152,6 @@ $COST --workload body-rocks5                   | 'body-rocks5' | evaluate
 profile --profile quick --peers                | --peers
 profile --peers --start-up                     | --start-up does not go with --peers
 profile --peers --junit budgets.xml            | --junit does not go with --peers
-profile --profile quick --bmf x --junit x      | --junit and --bmf name the same file
 profile render none.json                       | none.json: wanted a report of nnpp-edge profile (no such file)
 profile render text.txt                        | text.txt: wanted a report of nnpp-edge profile
 profile render                                 | missing argument 'REPORT'
