@@ -5,7 +5,7 @@ boards.
 from pathlib import Path
 from typing import cast
 
-from nnpp_edge.profiling.judge import Noise, judged, summary, value_of, verdict
+from nnpp_edge.profiling.judge import Noise, judged, noise_of, summary, value_of, verdict
 from nnpp_edge.profiling.profile_file import Budget, Profile
 from nnpp_edge.profiling.quantities import QUANTITIES
 from nnpp_edge.profiling.report import SCHEMA
@@ -66,7 +66,7 @@ def compare(before: Facts, after: Facts, tolerance: float) -> Facts:
                 was = value_of(old.get(PLACE(row), {}), quantity)
                 if was is not None and value_of(row, quantity) is not None:
                     budgets.append(_budget(row, quantity, was, tolerance))
-        noise = _noise_of(before, after)
+        noise = _noise(before, after)
         lines = judged(Profile("", "", budgets=tuple(budgets)), after["results"], {}, noise)
         notes = [
             f"other {name} in the second report: hard to compare"
@@ -99,14 +99,11 @@ def _budget(row: Facts, quantity: str, was: float, tolerance: float) -> Budget:
     return Budget(quantity, quantity, limit, direction, kind.unit, planner, workload, size)
 
 
-def _noise_of(*reports: Facts) -> Noise:
-    """Time of others in either run, and whether the processor was slowed in one."""
+def _noise(*reports: Facts) -> Noise:
+    """That of all runs."""
     halves = [half for report in reports for half in report["disturbance"]["halves"]]
-    shares = [half[key] or 0.0 for half in halves for key in ("waited_share", "others_share")]
-    words = [report["disturbance"]["words"] for report in reports]
     slowed = [report["sensors"]["throttled"] for report in reports]
-    throttling = Throttling("; ".join(filter(None, slowed)), 1.0)
-    return Noise("; ".join(filter(None, words)), max(shares), throttling)
+    return noise_of(halves, Throttling("; ".join(filter(None, slowed)), 1.0))
 
 
 def board_table(report: Facts) -> str:

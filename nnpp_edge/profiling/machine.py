@@ -158,10 +158,6 @@ class Disturbance:
             return None
         return min(max((busy - own) / (elapsed * len(self._cores)), 0.0), 1.0)
 
-    def share(self) -> float:
-        """The greater of both shares: of waiting, and of others on the cores."""
-        return max(self.waited_share(), self.others_share() or 0.0)
-
     def _clocks(self) -> np.ndarray:
         """Seconds on the wall, of this thread, of this process, and that the cores worked."""
         busy = core_seconds(self._cores)

@@ -138,7 +138,7 @@ def reproduce(
             made_with,
             list(experiment.findings(rows)),
             context.notes,
-            summary(everything, experiment.by, networks, totals=totals),
+            summary(everything, experiment.by, totals=totals),
         )
         draw = experiment.picture
         picture = draw(everything) if draw else maps(context.scenes)

@@ -10,12 +10,10 @@ import numpy as np
 
 from nnpp_edge.profiling.suites import whole_cost
 from nnpp_edge.runtime import Ground, MapPatch
-from nnpp_edge.runtime.arrays import Cells, Float2D, Floats
+from nnpp_edge.runtime.arrays import Cells, Float2D
 from nnpp_edge.runtime.cells import Cell, Sides
-from nnpp_edge.runtime.kernels.poses import MOST_CODE
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.state import map_state
-from nnpp_edge.runtime.robots.body.attitude import costs_at
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.terrain.obstacles import OBSTACLE
 
@@ -80,14 +78,6 @@ class SimulatedRobot:
             return int(free.cumprod().sum())
         blocked = self._grid(values).walk(path, 0, np.empty(len(path)))
         return len(path) - 1 if blocked < 0 else max(blocked - 1, 0)
-
-    def weights_at(self, values: Float2D, places: Floats) -> Floats:
-        """(N,) what a cell's length costs a body at places as in `attitude.costs_at`; inf where it
-        may not stand.
-        """
-        poses = self._grid(values).robot.moves.poses
-        assert poses is not None
-        return 1.0 + MOST_CODE * float(poses.prices[0]) * costs_at(poses, places)
 
     def costs(self, values: Float2D) -> Float2D:
         """(H, W) traversability cost of each cell, to a body in its best heading; impassable from 1

@@ -74,7 +74,7 @@ def profile(run, tiny_model, monkeypatch):
             .replace("CORE", str(CORE))
             .replace("MODEL", str(tiny_model))
         )
-        monkeypatch.setattr(report_module, "MOST_DISTURBED", disturbance)
+        monkeypatch.setattr(judge, "MOST_DISTURBED", disturbance)
         for old, new in dict(changes).items():
             assert old in text
             text = text.replace(old, new)
@@ -206,7 +206,7 @@ def test_the_page_alone_needs_the_extra_viz(run, monkeypatch):
 COMPARED = """
 same | 1.0 | {} | 0 | all budgets met: 13 kept
 slower | 1.3 | {} | 1 | missed: time_ms_median (nnpp, soft 256²)
-disturbed | 2.0 | {"disturbance": {"words": "others took 40 %"}} | 3 | too noisy to tell
+disturbed | 2.0 | {"disturbance": {"halves": [{"waited_share": 0.0, "others_share": 0.4}]}} | 3 | others took 40 %
 another | 1.0 | {"environment": {"cpu": "another"}} | 0 | other CPU
 """
 """Times as slow, other facts, the exit code, and words of the comparison."""
@@ -216,7 +216,7 @@ another | 1.0 | {"environment": {"cpu": "another"}} | 0 | other CPU
 def test_two_reports_are_compared(run, told, monkeypatch, name, factor, facts, code, words):
     monkeypatch.setattr(judge, "MOST_APART", 1000.0)
     report = written(Path(__file__).parents[1] / "profiling" / "report.json")
-    report["disturbance"]["words"] = ""
+    report["disturbance"]["halves"] = [{"waited_share": 0.0, "others_share": None}]
     Path("report.json").write_text(json.dumps(report))
     other = report | {key: report[key] | changed for key, changed in json.loads(facts).items()}
     other["results"][1]["time_ms"]["median"] *= float(factor)

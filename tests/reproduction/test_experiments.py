@@ -108,9 +108,6 @@ def test_an_experiment_writes_its_figures_picture_and_findings(made, name):
         assert words in section
     networks = EXPERIMENTS[name].networks
     assert all(word in section for word in ("corridor", "`tiny`") if networks)
-    for line in section.splitlines():
-        if "| plain A*NN |" in line or "| `nnpp` |" in line:
-            assert "`tiny`" in line
 
 
 def test_too_few_queries_for_a_verdict_are_said_to_be_too_few_with_an_interval():
