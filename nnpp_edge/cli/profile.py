@@ -123,7 +123,6 @@ class ProfileOptions:
         int | None, options.SEED, "Of every random choice; by default the profile's, else 1."
     ] = None
     as_json: options.AsJson = False
-    markdown: Annotated[bool, "Print the report, with --peers its table, as Markdown."] = False
     start_up: Annotated[
         bool,
         "Also measure how long new processes take to a first plan, and to the loop's first "
@@ -179,8 +178,6 @@ def command(asked: ProfileOptions) -> None:
         return
     if asked.profile and asked.peers:
         raise click.UsageError("give one of --profile and --peers")
-    if asked.as_json and asked.markdown:
-        raise click.UsageError("give one of --json and --markdown")
     if not asked.peers:
         sys.exit(_profile(asked.profile or _DEFAULT, asked))
     for name in ("vehicle", "start_up", "junit"):
@@ -218,15 +215,14 @@ def _profile(name: str, asked: ProfileOptions) -> int:
             say=lambda line: click.echo(line, err=True),
         )
     content = json.dumps(report, indent=1)
-    markdown = report_text(report, markdown=True)
     contents = {} if asked.junit is None else {asked.junit: junit(report)}
     if written:
+        markdown = report_text(report, markdown=True)
         texts = (content, markdown, f"{board_table(report)}\n", _page(report))
         files = zip(written, texts, strict=True)
         contents |= {path: text.encode() for path, text in files if text}
     write_all(contents)
-    printed = content if asked.as_json else markdown if asked.markdown else report_text(report)
-    click.echo(printed.rstrip("\n"))
+    click.echo(content if asked.as_json else report_text(report))
     return EXIT_CODES[report["verdict"]]
 
 
@@ -268,4 +264,4 @@ def _peers(asked: ProfileOptions) -> None:
     if written:
         texts = (json.dumps(facts, indent=1), f"{peers_text(rows, missing, markdown=True)}\n")
         write_all({path: text.encode() for path, text in zip(written, texts, strict=True)})
-    tell(asked.as_json, facts, lambda: peers_text(rows, missing, markdown=asked.markdown), indent=1)
+    tell(asked.as_json, facts, lambda: peers_text(rows, missing), indent=1)

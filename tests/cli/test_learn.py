@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from nnpp_edge.cli import learn
 from nnpp_edge.files import alone_in
 from nnpp_edge.profiling.worth import KEEP, LEAVE, OPEN
 from nnpp_edge.runtime.network.model_file import read_model_file
@@ -80,6 +81,10 @@ def test_one_line_leads_from_a_map_to_a_verdict_and_goes_on_where_it_was_stopped
     assert (found.name, found.precision, found.omega, limit) == ("own", "int8", 0.02, 30.0)
     assert found.training["dataset"]["cell_sizes_m"] == []
 
+    def without_models(words, printed=learn._printed):
+        return printed(words) if words[0] in ("dataset", "train") else "recommended: int8"
+
+    monkeypatch.setattr(learn, "_printed", without_models)
     more = run(f"{words} --queries 5 --json")
     assert {path: path.stat().st_mtime_ns for path in stamps} == stamps, "made again"
     assert Path("me/run/best.pt").read_bytes() == weights, "trained on"

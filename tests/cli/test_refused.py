@@ -155,12 +155,10 @@ profile --peers --junit budgets.xml            | --junit does not go with --peer
 profile render none.json                       | none.json: wanted a report of nnpp-edge profile (no such file)
 profile render text.txt                        | text.txt: wanted a report of nnpp-edge profile
 profile render                                 | missing argument 'REPORT'
-profile --profile quick --json --markdown      | --json
 profile --queries 5 compare a.json b.json      | compare
 profile --profile slow                         | 'slow' | quick
 evaluate                                       | give either --terrain FILE or --synthetic
 evaluate text.txt --methods astar              | text.txt: wanted GeoTIFF
-$EVAL --json --markdown                        | give one of --json and --markdown
 $EVAL --methods best                           | --methods must be of auto, astar | got best
 $EVAL --methods astar --sizes 512              | at least 512 × 512 cells
 run --map text.txt --ticks 1                   | text.txt: wanted GeoTIFF
