@@ -138,12 +138,16 @@ def test_the_clock_starts_at_the_elevations(run, profile):
     (row,) = told["loop"]
     assert (row["rate_hz"], row["patch_side"]) == (200.0, 16)
     assert row["n"] == row["planned"] + row["kept"] + row["without_path"] == 240
+    assert row["planned"] > 0 and len(row["halves"]["reaction"]) == 2
+    assert 0.0 < row["reaction_ms"]["median"] <= row["reaction_ms"]["p99"]
     described(row)
     assert text.startswith("# Tiny & <quick>\n\n1 FPS: yes (")
     assert "\n\nbudgets missed: " in text
     assert "from a patch's arrival to the checked path\n\n| workload |" in text
     for row in told["results"]:
-        assert (row["map_ms"] is not None) == (row["planner"] in ("nnpp", "astar"))
+        asked = row["planner"] in ("nnpp", "astar")
+        for key, basis in (("map_ms", "map"), ("patch_ms", "patch")):
+            assert (row[key] is not None) == (basis in row["halves"]) == asked
         del row["map_ms"]
     Path("older.json").write_text(json.dumps(told))
     assert run("profile compare older.json report.json").code == 0

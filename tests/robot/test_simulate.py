@@ -4,6 +4,7 @@ import itertools
 import json
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,13 +22,15 @@ from nnpp_edge.runtime import (
 )
 from nnpp_edge.runtime.cells import slices
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
+from nnpp_edge.simulation.part import part_of_map
 from nnpp_edge.simulation.robots import SimulatedRobot
 from nnpp_edge.simulation.scene import Scene, SimulationSettings, SurveyedGround, walkable
 from nnpp_edge.simulation.simulate import random_drive, simulate
+from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.obstacles import Obstacles
 from nnpp_edge.terrain.rocks import with_rocks
 from nnpp_edge.terrain.synthetic import synthetic_terrain
-from nnpp_edge.terrain.vehicle_files import load_mobility
+from nnpp_edge.terrain.vehicle_files import load_mobility, load_vehicle
 from nnpp_edge.viz.sheet import BODY as BODY_COLOUR
 from tests import pose_oracles
 from tests.fuzz import bodies
@@ -222,30 +225,29 @@ def test_the_robot_reaches_its_goal_and_no_path_was_forbidden(grounds, kind, met
     json.dumps(drive.summary())
 
 
-@pytest.mark.parametrize("kind", ["point", "body", "disc", "coarse"])
+@pytest.mark.parametrize(
+    ("kind", "method"),
+    [
+        ("point", "nnpp"),
+        ("point", "corridor"),
+        ("body", "dstar"),
+        ("body", "corridor-dstar"),
+        ("disc", "auto"),
+        ("coarse", "auto"),
+    ],
+)
 def test_an_endless_drive_goes_from_goal_to_goal_and_keeps_its_word_and_its_memory(
-    grounds,
-    kind,
-    tiny_model,
+    grounds, kind, method, tiny_model
 ):
     ground = grounds[kind]
-    methods = {"body": ("auto", "dstar", "corridor-dstar"), "disc": ("auto",)}
     start, goal = random_drive(ground, 1)
-    for method in methods.get(kind, ("auto", "corridor", "nnpp")):
-        ticks = 150 if kind == "disc" else 300
-        settings = SimulationSettings(
-            method,
-            str(tiny_model),
-            ticks=ticks,
-            changes=2,
-            speed=3,
-            endless=True,
-        )
-        drive = simulate(ground, start, goal, settings)
-        assert (drive.forbidden, drive.counters.errors, drive.counters.ticks) == (0, {}, ticks)
-        assert drive.goals >= 2 and drive.counters.planned > 20 and drive.goal != goal
-        assert tuple(drive.driven[0]) == drive.start and len(drive.driven) < 250
-        assert drive.memory_mb["end"] - drive.memory_mb["tenth"] < 5.0 < drive.memory_mb["start"]
+    ticks = 150 if kind == "disc" else 300
+    given = {"ticks": ticks, "changes": 2, "speed": 3, "endless": True}
+    drive = simulate(ground, start, goal, SimulationSettings(method, str(tiny_model), **given))
+    assert (drive.forbidden, drive.counters.errors, drive.counters.ticks) == (0, {}, ticks)
+    assert drive.goals >= 2 and drive.counters.planned > 20 and drive.goal != goal
+    assert tuple(drive.driven[0]) == drive.start and len(drive.driven) < 250
+    assert drive.memory_mb["end"] - drive.memory_mb["tenth"] < 5.0 < drive.memory_mb["start"]
 
 
 def test_the_same_seed_gives_the_same_drive(ground):
@@ -381,11 +383,13 @@ def test_both_ends_lie_well_inside_the_part_that_is_cut_out_and_are_named_as_in_
     words += ("--ticks", 1, "--json", "--start", "40,50")
     nnpp_edge(*words, "--goal", "60,72").refused("goal (60, 72) is impassable, on the part")
     nnpp_edge(*words, "--goal", "86,72").refused("--size 50 holds with 4 cells around each")
+    told = nnpp_edge(*words, "--goal", "50,60").json
+    ends = (told["start"], told["goal"])
+    assert ends == ([40, 50], [50, 60])
+    whole = Dem(heights, 0.16, 0.16, None, Path("map.npz"))
     insides = []
     for seed in range(8):
-        told = nnpp_edge(*words, "--goal", "50,60", "--seed", seed).json
-        ends = np.array((told["start"], told["goal"]))
-        assert ends.tolist() == [[40, 50], [50, 60]]
-        from_corner = ends - (told["row"], told["col"])
+        row, col, *_ = part_of_map(whole, 50, 1, load_vehicle("small-rover"), seed, ends)
+        from_corner = np.array(ends) - (row, col)
         insides.append(min(from_corner.min(), 49 - from_corner.max()))
     assert min(insides) >= 4 and np.median(insides) >= 12
