@@ -132,7 +132,7 @@ def command(
     if networks and Method.NNPP in methods:
         of_point += controls()
     of_body = exact_and(without_network, {})
-    dems = suites.TerrainFiles(terrain, rescale, cell_size).read()
+    dems = [] if synthetic else suites.dems_of(terrain, rescale, cell_size)
     if held_out:
         dems = [stripe_of(dem, (1.0 - validation_share, 1.0)) for dem in dems]
     suites.check_sizes(dems, sizes)

@@ -245,7 +245,7 @@ def _peers(asked: ProfileOptions) -> None:
     from nnpp_edge.benchmarks.peers import run
     from nnpp_edge.cli.profile_text import peers_text
     from nnpp_edge.files import write_all
-    from nnpp_edge.profiling.suites import TerrainFiles
+    from nnpp_edge.profiling.suites import dems_of
     from nnpp_edge.progress import bar
 
     sizes = asked.sizes or _PEERS_SIZES
@@ -257,9 +257,9 @@ def _peers(asked: ProfileOptions) -> None:
             f"--sizes must be different numbers from 16 to {options.LARGEST_SIDE}, got {words}"
         )
     written = asked.files(("peers.json", "peers.md"))
-    terrain = TerrainFiles.or_sample(asked.terrain, asked.rescale, asked.cell_size)
+    dems = dems_of(asked.terrain, asked.rescale, asked.cell_size)
     with bar("profile", queries * len(sizes)) as advance:
-        rows, missing = run(sizes, queries, terrain, seed=seed, progress=advance)
+        rows, missing = run(sizes, queries, dems, seed=seed, progress=advance)
     facts = {"queries": queries, "seed": seed, "left_out": missing, "rows": rows}
     if written:
         texts = (json.dumps(facts, indent=1), f"{peers_text(rows, missing, markdown=True)}\n")

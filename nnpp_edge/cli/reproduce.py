@@ -42,7 +42,7 @@ def command(
     nnpp-edge reproduce --terrain dem.tif --rescale 20 -o reproduction
     nnpp-edge reproduce table2 fig7 --quick
     """
-    from nnpp_edge.profiling.suites import TerrainFiles
+    from nnpp_edge.profiling.suites import dems_of
     from nnpp_edge.reproduction.runner import EXPERIMENTS, reproduce
 
     if unknown := [name for name in experiments if name not in EXPERIMENTS]:
@@ -55,8 +55,8 @@ def command(
         )
     both = (models[0], models[-1]) if models else ("paper", "edge")
     names = [name for name in EXPERIMENTS if not experiments or name in experiments]
-    files = TerrainFiles.or_sample(terrain, rescale, cell_size)
-    for made in reproduce(names, files, output, models=both, seed=seed, quick=quick):
+    dems = dems_of(terrain, rescale, cell_size)
+    for made in reproduce(names, dems, output, models=both, seed=seed, quick=quick):
         verdicts = Counter(finding.verdict for finding in made.findings)
         counts = ", ".join(f"{count} {verdict}" for verdict, count in sorted(verdicts.items()))
         click.echo(f"{made.name}: {counts}; {output / made.name}")

@@ -15,7 +15,6 @@ from nnpp_edge import __version__
 from nnpp_edge.files import make_folder, write_all, write_whole
 from nnpp_edge.profiling.machine import environment
 from nnpp_edge.profiling.rows import Rows
-from nnpp_edge.profiling.suites import TerrainFiles
 from nnpp_edge.progress import MISSING, THOUSANDTHS, bar, markdown_table
 from nnpp_edge.reproduction import dynamic, exact, looks, static
 from nnpp_edge.reproduction.drawing import maps
@@ -26,6 +25,7 @@ from nnpp_edge.reproduction.table import summary
 from nnpp_edge.runtime.exercises import exercise
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.model_file import read_model_file
+from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.viz.figures import encoded
 
 FORMAT = "nnpp-edge-reproduction-3"
@@ -86,7 +86,7 @@ class Stored(msgspec.Struct):
 
 def reproduce(
     names: Sequence[str],
-    terrain: TerrainFiles,
+    dems: Sequence[Dem],
     output: Path,
     *,
     models: tuple[str, str] = ("paper", "edge"),
@@ -101,12 +101,11 @@ def reproduce(
     InvalidQueryError if the terrain is too small for one; TerrainError, ModelError or OutputError
     where a file is at fault.
     """
-    dems = terrain.read()
     networks = NetworkPair(*map(NetworkModel, models))
     grounds = []
-    for path, dem in zip(terrain.paths, dems, strict=True):
-        digest = sha256(path.read_bytes()).hexdigest()[:12]
-        grounds.append(f"`{path.name}` (cells of {dem.cell_size_m:g} m, SHA-256 {digest}…)")
+    for dem in dems:
+        digest = sha256(dem.source.read_bytes()).hexdigest()[:12]
+        grounds.append(f"`{dem.source.name}` (cells of {dem.cell_size_m:g} m, SHA-256 {digest}…)")
     make_folder(output)
     for name in names:
         experiment = EXPERIMENTS[name]

@@ -3,87 +3,18 @@ obstacles.
 """
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import dataclass, field
 
-import cv2
 import numpy as np
 
-from nnpp_edge.runtime import Goal, Ground, MapPatch, PathMessage, Pose
+from nnpp_edge.runtime import Goal, MapPatch, PathMessage, Pose
 from nnpp_edge.runtime.arrays import Cells, Float2D
 from nnpp_edge.runtime.cells import Cell, Rectangle, slices, widened
-from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
+from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.messages import Input
 from nnpp_edge.runtime.options import StepOptions
-from nnpp_edge.simulation.robots import SimulatedRobot
+from nnpp_edge.simulation.ground import SurveyedGround
 from nnpp_edge.terrain.obstacles import CLEAR, Obstacles
-
-
-@dataclass(frozen=True, eq=False)
-class SurveyedGround:
-    """A terrain as it is, with the robot on it, and as a coarse survey has it."""
-
-    ground: Ground
-    """As it is."""
-    surveyed: Float2D
-    """(H, W) of heights that are blurred, or lack the rocks; of the kind that the ground holds."""
-    known: Ground | None = None
-    """As means of blocks have it, known in place of a survey."""
-    heights: Float2D | None = None
-    """(H, W) true heights, for pictures."""
-    north_deg: float | None = None
-    """As `Place.north_deg`."""
-    origin: Cell = (0, 0)
-    """Cell of the file that is the first of this part of it; errors name the file's cells."""
-
-    @classmethod
-    def of(cls, ground: Ground, block: int, bare: Float2D | None = None) -> "SurveyedGround":
-        """Of a ground; the survey has its heights blurred by a Gaussian of half a `block` of cells
-        (1 knows all).
-
-        Of ground with rocks the survey has the `bare` heights. To a body, the edge of what it has
-        seen of ground that was much blurred is a step, and may shut it in. Points and discs whose
-        steps do not cost by the slope drive by costs. InvalidQueryError where no cell's height is
-        known; InvalidMapError for a disc whose steps cost by the slope.
-        """
-        assert ground.elevation is not None
-        bare = ground.elevation if bare is None else bare
-        surveyed = bare.copy() if block <= 1 else _blurred(bare, block / 2.0)
-        if not ground.by_costs:
-            if ground.vehicle and not ground.body:
-                raise InvalidMapError(
-                    "a disc drives by costs here: wanted step_cost='paper', or no vehicle"
-                )
-            return cls(ground, surveyed, heights=ground.elevation)
-        costs = replace(ground, elevation=surveyed).costs()
-        return cls(ground.priced(ground.costs()), costs, heights=ground.elevation)
-
-    @classmethod
-    def of_known(cls, ground: Ground, factor: int, prior: str) -> "SurveyedGround":
-        """Of heights whose sides the factor divides, of which the robot knows the means
-        of blocks.
-        """
-        unseen = np.full(ground.shape, np.nan, np.float32)
-        return cls(ground, unseen, ground.by_blocks(factor, prior), ground.elevation)
-
-    @cached_property
-    def robot(self) -> SimulatedRobot:
-        """The robot that drives on it."""
-        return SimulatedRobot(self.ground, self.known)
-
-    @property
-    def true(self) -> Float2D:
-        """(H, W) costs or heights, whichever the robot goes by."""
-        heights = self.ground.elevation
-        return self.ground.costs() if heights is None else heights
-
-    def in_file(self, cell: Cell) -> Cell:
-        """The file's cell."""
-        return cell[0] + self.origin[0], cell[1] + self.origin[1]
-
-    def costs(self) -> Float2D:
-        """(H, W) true traversability costs; impassable from 1 up."""
-        return self.robot.costs(self.true)
 
 
 @dataclass(frozen=True)
@@ -133,14 +64,13 @@ class Scene:
         rng: np.random.Generator,
         settings: SimulationSettings,
     ) -> None:
-        robot = ground.robot
         rows, cols = ground.true.shape
         for name, (row, col) in (("start", start), ("goal", goal)):
             if not (0 <= row < rows and 0 <= col < cols):
                 raise InvalidQueryError(
                     f"{name} {(row, col)} lies outside the map of {rows} × {cols} cells"
                 )
-            if not robot.stands(ground.true, (row, col)):
+            if not ground.stands(ground.true, (row, col)):
                 raise InvalidQueryError(f"{name} {ground.in_file((row, col))} is impassable")
 
         # the world
@@ -148,9 +78,9 @@ class Scene:
         self.robot = start
         self.goal = goal
         self._settings = settings
-        self._sight = settings.sight + robot.reach
+        self._sight = settings.sight + ground.reach
         self.obstacles = Obstacles(
-            (rows, cols), rng, value=robot.obstacle(ground.true), clear=max(CLEAR, robot.reach)
+            (rows, cols), rng, value=ground.obstacle(ground.true), clear=max(CLEAR, ground.reach)
         )
         self.now = ground.true.copy()
         """(H, W) the ground with the obstacles that are there."""
@@ -216,7 +146,7 @@ class Scene:
             at = slices(part)
             self.now[at] = self.obstacles.cover(self.ground.true, part)
             self.told[at] = self.obstacles.cover(self.known, part)
-            yield self.ground.robot.patch(part[0], part[1], self.told[at])
+            yield self.ground.patch(part[0], part[1], self.told[at])
 
     def heard(self, message: PathMessage) -> None:
         """Take the loop's answer, which is checked by the definition of a path that can
@@ -224,7 +154,7 @@ class Scene:
         """
         self.path = message.walked
         self._headings = message.headings_deg
-        if message.ok and not walkable(self.ground.robot, self.path, self.told, message.goal):
+        if message.ok and not walkable(self.ground, self.path, self.told, message.goal):
             self.forbidden += 1
 
     def _walk(self) -> None:
@@ -235,14 +165,14 @@ class Scene:
             return
         first = int(at[0])
         ahead = self.path[first : first + 1 + self._settings.speed]
-        count = self.ground.robot.steps(self.now, ahead) if len(ahead) > 1 else 0
+        count = self.ground.steps(self.now, ahead) if len(ahead) > 1 else 0
         if count and len(self.driven[-1]) < ahead.shape[1]:
             self.driven[-1] = tuple(ahead[0].tolist())
         self.driven += map(tuple, ahead[1 : 1 + count].tolist())
         self.robot = tuple(ahead[count, :2].tolist())
         if ahead.shape[1] == 3:
             self.heading_deg = float(self._headings[first + count])
-        elif self.ground.robot.body and count:  # as it came here
+        elif self.ground.ground.body and count:  # as it came here
             self.heading_deg = float(self._headings[first + count - 1])
         self.waited += not count
 
@@ -253,7 +183,7 @@ class Scene:
         return part
 
 
-def walkable(robot: SimulatedRobot, path: Cells, values: Float2D, goal: Cell | None) -> bool:
+def walkable(ground: SurveyedGround, path: Cells, values: Float2D, goal: Cell | None) -> bool:
     """Whether a path leads to the goal over a map, by steps or a body's legs, and the robot can
     take it.
     """
@@ -264,18 +194,8 @@ def walkable(robot: SimulatedRobot, path: Cells, values: Float2D, goal: Cell | N
         return False
     if path.shape[1] == 2:
         apart = np.abs(np.diff(cells, axis=0)).max(axis=1)
-        longest = 2 if robot.body else 1
+        longest = 2 if ground.ground.body else 1
         if ((apart < 1) | (apart > longest)).any():
             return False
     first = tuple(cells[0].tolist())
-    return robot.stands(values, first) and robot.steps(values, path) == len(path) - 1
-
-
-def _blurred(elevation: Float2D, sigma: float) -> Float2D:
-    """Heights blurred by a Gaussian of so many cells; InvalidQueryError if none is known."""
-    known = np.isfinite(elevation)
-    if not known.any():
-        raise InvalidQueryError("wanted an elevation map, got no cell with a known height")
-    filled = np.where(known, elevation, elevation[known].mean()).astype(np.float32)
-    blurred = cv2.GaussianBlur(filled, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
-    return np.where(known, blurred, np.nan).astype(np.float32)
+    return ground.stands(values, first) and ground.steps(values, path) == len(path) - 1

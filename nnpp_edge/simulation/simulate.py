@@ -28,7 +28,8 @@ from nnpp_edge.runtime.loop.timing import Histogram
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.memory import rss_bytes
 from nnpp_edge.runtime.planners.plan import Plan
-from nnpp_edge.simulation.scene import Scene, SimulationSettings, SurveyedGround
+from nnpp_edge.simulation.ground import SurveyedGround
+from nnpp_edge.simulation.scene import Scene, SimulationSettings
 from nnpp_edge.terrain.facts import Fact, values_of
 from nnpp_edge.terrain.labels import random_query
 
@@ -261,7 +262,7 @@ def _navigator(scene: Scene, settings: SimulationSettings) -> Navigator:
     """A navigator on the robot's first map, in a process that has loaded all it needs."""
 
     def navigator() -> Navigator:
-        ground = scene.ground.robot.ground(scene.told)
+        ground = scene.ground.as_told(scene.told)
         return Navigator(ground, settings.method, model=settings.model, **settings.steps)
 
     first = navigator()

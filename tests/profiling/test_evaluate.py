@@ -7,7 +7,7 @@ import pytest
 
 from nnpp_edge.profiling.evaluate import evaluate, evaluated
 from nnpp_edge.profiling.rivals import controls, exact_and
-from nnpp_edge.profiling.suites import TerrainFiles, terrain_cases
+from nnpp_edge.profiling.suites import dems_of, terrain_cases
 from nnpp_edge.runtime import Ground, NetworkModel, Planner, Status
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.terrain.dem import Dem
@@ -80,7 +80,7 @@ def test_the_narrow_corridor_is_the_learned_regions_without_a_network():
     """It searches no more than the usual corridor, and where that is too narrow it widens and looks
     everywhere. An untrained network, whose region is the whole map, finds the same paths.
     """
-    case = next(terrain_cases(TerrainFiles.or_sample(()).read(), "soft", 256))
+    case = next(terrain_cases(dems_of(()), "soft", 256))
     bands, untrained = controls()
     narrow = bands.planner(Ground(case.cost))
     other_control = untrained.planner(Ground(case.cost))
@@ -104,7 +104,7 @@ def test_two_models_stand_beside_each_other(terrain, tiny_model):
     model = NetworkModel(tiny_model)
     rivals = exact_and(["nnpp", "astar"], {"one": model, "two": model})
     assert [rival.name for rival in rivals] == ["astar", "nnpp", "nnpp:two"]
-    cases = terrain_cases(TerrainFiles((terrain,)).read(), "soft", 64)
+    cases = terrain_cases(dems_of((terrain,)), "soft", 64)
     _, one, two = evaluated(evaluate(cases, rivals, 4, repeats=1))
     assert one["gap_mean"] == two["gap_mean"]
 

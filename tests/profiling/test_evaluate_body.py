@@ -9,7 +9,7 @@ import pytest
 
 from nnpp_edge.profiling.evaluate import evaluate, evaluated
 from nnpp_edge.profiling.rivals import exact_and
-from nnpp_edge.profiling.suites import TerrainFiles, terrain_cases, whole_cost
+from nnpp_edge.profiling.suites import dems_of, terrain_cases, whole_cost
 from nnpp_edge.runtime import Planner, Vehicle, pose_costs
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.terrain.synthetic import synthetic_terrain
@@ -40,7 +40,7 @@ def rover(tmp_path_factory):
 @pytest.fixture(scope="module")
 def rocky(terrain):
     """A case with rocks, of the vehicle."""
-    return next(terrain_cases(TerrainFiles((terrain,)).read(), "body-rocks5", SIZE, vehicle=ROVER))
+    return next(terrain_cases(dems_of((terrain,)), "body-rocks5", SIZE, vehicle=ROVER))
 
 
 @pytest.fixture
@@ -116,7 +116,7 @@ def test_the_vehicle_stands_on_starts_and_goals_and_rocks_lie_on_the_crops(terra
         assert np.isfinite(costs[:, *goal]).any()
         assert math.dist(start, goal) >= 0.35 * SIZE
     np.testing.assert_array_equal(rocky.cost, costs.min(0))
-    dems = TerrainFiles((terrain,)).read()
+    dems = dems_of((terrain,))
     again = next(terrain_cases(dems, "body-rocks5", SIZE, vehicle=ROVER))
     bare = next(terrain_cases(dems, "body", SIZE, vehicle=ROVER))
     np.testing.assert_array_equal(again.ground.elevation, rocky.ground.elevation)

@@ -6,7 +6,6 @@ from itertools import product
 
 import numpy as np
 import pytest
-from msgspec.structs import replace
 
 from nnpp_edge.profiling import measure
 from nnpp_edge.profiling.figures import break_even, loop_rows, results
@@ -54,11 +53,7 @@ def measured(tiny_model):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(measure, "EnergyMeter", OneWatt)
         planners = rivals_of(Networks(str(tiny_model), str(tiny_model)), Device((0,)))
-        budgets = (
-            asks("map_ms", "astar"),
-            asks("reaction_ms", "loop", workload="limit20", size=256),
-        )
-        asked = profile(replace(LOAD, patches=16), "nnpp", tiny_model, *budgets)
+        asked = profile(LOAD, "nnpp", tiny_model)
         found = run(asked, planners, CORES, progress=done.append)
     return found, results(found.answers), done
 

@@ -10,7 +10,7 @@ from PIL import Image
 
 from nnpp_edge.profiling.contest import Harness
 from nnpp_edge.profiling.rows import Rows
-from nnpp_edge.profiling.suites import TerrainFiles
+from nnpp_edge.profiling.suites import dems_of
 from nnpp_edge.reproduction import dynamic, runner
 from nnpp_edge.reproduction.episode import make_episode
 from nnpp_edge.reproduction.findings import Verdict, judge_increase
@@ -70,7 +70,7 @@ def run(terrain, tiny_model):
     def run_into(folder, *names):
         models = (str(tiny_model), str(tiny_model))
         names = names or list(TINY)
-        ended = reproduce(names, TerrainFiles((terrain,)), folder, models=models, quick=True)
+        ended = reproduce(names, dems_of((terrain,)), folder, models=models, quick=True)
         return {stored.name: stored for stored in ended}
 
     return run_into

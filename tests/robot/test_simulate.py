@@ -22,9 +22,9 @@ from nnpp_edge.runtime import (
 )
 from nnpp_edge.runtime.cells import slices
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
+from nnpp_edge.simulation.ground import SurveyedGround
 from nnpp_edge.simulation.part import part_of_map
-from nnpp_edge.simulation.robots import SimulatedRobot
-from nnpp_edge.simulation.scene import Scene, SimulationSettings, SurveyedGround, walkable
+from nnpp_edge.simulation.scene import Scene, SimulationSettings, walkable
 from nnpp_edge.simulation.simulate import random_drive, simulate
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.obstacles import Obstacles
@@ -179,7 +179,7 @@ def test_what_can_be_walked_is_checked_by_the_definition(path, how):
     cost[4, 2] = np.nan
     cost[4, 1] = 1.0
     cells = np.array(path.split(), np.int32).reshape(-1, 2)
-    assert walkable(SimulatedRobot(Ground(cost)), cells, cost, (3, 2)) == (how == "fits")
+    assert walkable(SurveyedGround(Ground(cost), cost), cells, cost, (3, 2)) == (how == "fits")
 
 
 # --- the drive
@@ -314,7 +314,7 @@ def test_a_body_stops_before_a_rock_and_is_told_heights():
     for _ in range(60):
         scene.heard(answer(line, (20, 55)))
         told += scene.poll()
-    reach = ground.robot.reach
+    reach = ground.reach
     assert 39 - reach <= scene.robot[1] < 40 - 3, "half a body before it"
     assert scene.waited > 20
     assert scene.told[20, 40] == 1.0 and 20 < scene.forbidden < 60, (
@@ -333,11 +333,11 @@ def test_obstacles_stand_above_the_ground_and_out_of_the_bodys_reach():
     )
     for _ in range(100):
         list(scene.poll())
-        assert scene.now.max() in (0.0, np.float32(ground.robot.obstacle(ground.true)))
+        assert scene.now.max() in (0.0, np.float32(ground.obstacle(ground.true)))
         for cell in ((40, 10), (40, 70)):
-            assert ground.robot.stands(scene.now, cell)
+            assert ground.stands(scene.now, cell)
         np.testing.assert_array_equal(scene.now, scene.told)
-    blocked = np.isinf(ground.robot.costs(scene.now)) & ~np.isinf(ground.costs())
+    blocked = np.isinf(ground.costs_on(scene.now)) & ~np.isinf(ground.costs())
     assert blocked.sum() > (scene.now > 0.0).sum() / 2
 
 
