@@ -7,9 +7,8 @@ from nnpp_edge.profiling.rows import Rows
 from nnpp_edge.reproduction import dynamic, exact, paper, static
 from nnpp_edge.reproduction.findings import Verdict
 from nnpp_edge.reproduction.planners import CONTROLS_OF, PLAIN, PLAIN_CONTROLS, PLAIN_NN
-from nnpp_edge.reproduction.regions import CORRIDOR, NetworkPair
+from nnpp_edge.reproduction.regions import CORRIDOR
 from nnpp_edge.reproduction.table import summary
-from nnpp_edge.runtime import NetworkModel
 
 
 def verdicts(findings):
@@ -134,8 +133,7 @@ def test_the_best_omega_is_where_length_and_cc_together_are_least(length, cc, wa
     assert [exact.best_omega(omegas, total) for total in totals] == wanted
 
 
-def test_sums_are_over_the_queries_that_all_answered(tiny_model):
-    tiny_networks = NetworkPair(NetworkModel(tiny_model), NetworkModel(tiny_model))
+def test_sums_are_over_the_queries_that_all_answered():
     answer = {"scene": "-d", "planner": PLAIN, "cc": 10.0, "exact_cc": 10.0, "found": 1.0}
     failed = {"scene": "-d", "planner": PLAIN_NN, "plan": 1, "time_s": 1.0, "found": 0.0}
     rows = Rows(
@@ -147,7 +145,7 @@ def test_sums_are_over_the_queries_that_all_answered(tiny_model):
         ]
     )
     assert rows.speedup(PLAIN, PLAIN_NN) == 2.0
-    table = summary(rows, ("scene", "planner"), tiny_networks, totals=True)
+    table = summary(rows, ("scene", "planner"), totals=True)
     head, _, exact_line, nn_line = table.splitlines()
     assert head.endswith("| time in all | over A* | CC | CC increase | failed |")
     assert exact_line.endswith("| 4 s | 1× | 10.00 | 0.00 % | 0 of 2 |")

@@ -17,7 +17,7 @@ import numpy as np
 
 from nnpp_edge.profiling.contest import Harness
 from nnpp_edge.profiling.rows import Row, Rows
-from nnpp_edge.profiling.suites import TerrainFiles, heights_of, terrain_cases
+from nnpp_edge.profiling.suites import dems_of, heights_of, terrain_cases
 from nnpp_edge.progress import ignore
 from nnpp_edge.runtime import DynamicPlanner, Plan, Planner, Vehicle
 from nnpp_edge.runtime.arrays import Float2D
@@ -70,7 +70,7 @@ def main(
     exercise()  # no kernel is compiled or loaded while the clock runs
     harness = Harness()
     rng = np.random.default_rng(SEED)  # of the headings alone, so that these stay the same
-    dems = TerrainFiles(terrain, CELL_M).read()
+    dems = dems_of(terrain, CELL_M)
     answers = Rows()
     ticks = Rows()
     sources = Counter[str]()

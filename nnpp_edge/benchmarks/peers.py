@@ -20,13 +20,14 @@ from nnpp_edge import __version__
 from nnpp_edge.outcome import gap
 from nnpp_edge.profiling.contest import Harness, RivalCalls
 from nnpp_edge.profiling.rows import Facts, Row, Rows
-from nnpp_edge.profiling.suites import Case, TerrainFiles, solvable, source_of, terrain_cases
+from nnpp_edge.profiling.suites import Case, solvable, source_of, terrain_cases
 from nnpp_edge.progress import Progress, ignore
 from nnpp_edge.runtime import Planner
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.exercises import exercise
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.terrain.step_cost import GREY_LEVELS, PAPER_OMEGA
+from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.workloads import SOFT
 
 REFERENCE = "astar"
@@ -238,7 +239,7 @@ def _figures(planner: PeerPlanner, rows: Rows, note: str) -> Facts:
 def run(
     sizes: Sequence[int],
     queries: int,
-    terrain: TerrainFiles,
+    dems: Sequence[Dem],
     *,
     seed: int = 1,
     progress: Progress = ignore,
@@ -249,7 +250,6 @@ def run(
     """
     planners, missing = peer_planners()
     exercise()
-    dems = terrain.read()
     rows = list[Facts]()
     for at, size in enumerate(sorted(sizes)):
         cases = terrain_cases(dems, SOFT, size, seed)

@@ -1,46 +1,35 @@
 """Drives over unseen ground by rival prices: ``python -m nnpp_edge.benchmarks.unseen MAP``."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
 
 import click
-import cv2
 import numpy as np
 
 from nnpp_edge.profiling.rows import Rows
-from nnpp_edge.profiling.suites import heights_of, whole_cost
+from nnpp_edge.profiling.suites import heights_of, solvable, terrain_cases, whole_cost
 from nnpp_edge.progress import bar, markdown_table
 from nnpp_edge.reproduction.regions import shuffled
-from nnpp_edge.runtime import Ground, NetworkModel, Planner, Vehicle
+from nnpp_edge.runtime import Ground, NetworkModel, Planner
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Endpoints, slices, widened
 from nnpp_edge.runtime.network.model_file import model_path
 from nnpp_edge.runtime.network.priors import prices_by
 from nnpp_edge.runtime.network.unseen import prices_of
 from nnpp_edge.runtime.options import PRIORS, PlanOptions
-from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost
+from nnpp_edge.runtime.terrain.traversability import traversability_cost
 from nnpp_edge.runtime.tuning import BLOCKED_PRICE
-from nnpp_edge.terrain.dem import Dem, read_dem
+from nnpp_edge.terrain.dem import read_dem
 from nnpp_edge.terrain.known import KnownMaps, known_map
-from nnpp_edge.terrain.labels import random_query
-from nnpp_edge.terrain.rocks import Rocks, draw_rocks, rock_heights
 from nnpp_edge.terrain.vehicle_files import load_vehicle
-from nnpp_edge.terrain.workloads import workload
 
 SIDE = 256
 """Cells of a map's side, where the ground is large enough."""
 LEAST_APART = 0.6
 """Of the map's side, between start and goal."""
-MOST_ROCKS = 0.12
-LEAST_ROCKS = 1 / 12
-PATCH_M = 12.0
-"""Greatest share of the ground under rocks, the least as a share of that, and the smoothing of the
-noise between, metres.
-"""
-MOST_BLOCKED = 0.6
-"""Windows with a greater share of impassable cells are left out."""
+DRIVES_OF_A_MAP = 2
 REFERENCE = "slope"
 """The price that the others are compared with."""
 
@@ -124,48 +113,6 @@ class BlockGround:
 Price = Callable[[BlockGround], Float2D]
 
 
-def drives(
-    dem: Dem,
-    limits: Traversability,
-    factor: int,
-    count: int,
-    vehicle: Vehicle | None,
-) -> Iterator[tuple[BlockGround, Endpoints, float]]:
-    """Drives on random windows of a map, at most two on each, and the costs of the best paths.
-
-    A vehicle drives among rocks on 1 to 12 % of the ground, more and fewer by the dozen of metres.
-    """
-    rng = np.random.default_rng(1)
-    side = min(SIDE, *dem.shape) // factor * factor
-    while count > 0:
-        elevation = np.ascontiguousarray(dem.random_square(rng, side))
-        if vehicle is not None:
-            elevation = elevation + patchy_rocks(elevation.shape, dem.cell_size_m, rng)
-        ground = Ground.of_elevation(elevation, dem.cell_size_m, limits, vehicle=vehicle)
-        site = BlockGround(ground, factor)
-        if np.isinf(site.costs).mean() > MOST_BLOCKED:
-            continue
-        for _ in range(min(count, 2)):
-            ends = random_query(rng, site.costs, LEAST_APART * side)
-            plan = ends and site.whole.plan(*ends, method="astar")
-            if ends and plan and plan.ok:
-                yield site, ends, plan.cost
-                count -= 1
-
-
-def patchy_rocks(shape: tuple[int, int], side_m: float, rng: np.random.Generator) -> Float2D:
-    """(H, W) metres by which rocks raise the cells of a map: as `draw_rocks` has them, in some
-    places fewer.
-    """
-    noise = cv2.GaussianBlur(rng.normal(size=shape), (0, 0), PATCH_M / side_m)
-    rank = noise.ravel().argsort().argsort().reshape(shape) / noise.size
-    kept = LEAST_ROCKS + (1.0 - LEAST_ROCKS) * rank
-    rocks = draw_rocks(shape, (side_m, side_m), MOST_ROCKS, rng, (0.2, 3.0))
-    rows, cols = np.rint(rocks.places).astype(int).T
-    there = rng.random(len(rocks.places)) < kept[rows, cols]
-    return rock_heights(shape, (side_m, side_m), Rocks(*(each[there] for each in rocks)))
-
-
 def rivals(model: str) -> dict[str, Price]:
     """All by name: the priors, the network's controls, and the truth."""
     mixed = shuffled(model_path(model))
@@ -215,11 +162,11 @@ def table(driven: Rows) -> str:
 @click.option("--factor", default=8, help="Cells to a block's side.")
 @click.option("--sight", default=16, help="Cells seen to each side.")
 @click.option("--drives", "count", default=200, help="Number of drives.")
-@click.option("--workload", "name", default="soft")
+@click.option("--workload", "name", default="soft", help="With --vehicle body or body-rocksN.")
 @click.option(
     "--rescale", type=float, help="As of nnpp-edge plan; a vehicle has a quarter of its length."
 )
-@click.option("--vehicle", help="Whose body drives among rocks, as of nnpp-edge plan.")
+@click.option("--vehicle", help="Whose body drives, as of nnpp-edge plan.")
 @click.option("--model", default="unseen")
 def main(
     tile: Path,
@@ -245,13 +192,19 @@ def main(
         dem = dem.rescaled(size_m)
     prices = rivals(model)
     rows = Rows()
-    driven = drives(dem, workload(name), factor, count, body)
+    done = 0
+    side = min(SIDE, *dem.shape) // factor * factor
+    cases = terrain_cases([dem], name, side, 1, LEAST_APART, body)
     with bar("drives", count) as advance:
-        for done, (site, ends, optimum) in enumerate(driven, 1):
-            for rival, price in prices.items():
-                cost = site.driven(ends, price(site), sight)
-                rows.append({"drive": done, "planner": rival, "excess": cost / optimum - 1.0})
-            advance(done)
+        for case, queries in solvable(cases, count, DRIVES_OF_A_MAP):
+            site = BlockGround(case.ground, factor)
+            for ends in queries:
+                done += 1
+                optimum = site.whole.plan(*ends, method="astar").cost
+                for rival, price in prices.items():
+                    cost = site.driven(ends, price(site), sight)
+                    rows.append({"drive": done, "planner": rival, "excess": cost / optimum - 1.0})
+                advance(done)
     click.echo(table(rows))
 
 

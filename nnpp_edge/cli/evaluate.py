@@ -53,10 +53,6 @@ _BODY_COLUMNS = columns(
 
 @options.command("evaluate")
 def command(
-    more_terrain: Annotated[
-        tuple[Path, ...], options.MAP, {"nargs": -1, "metavar": "[FILE]..."}
-    ] = (),
-    /,
     *,
     terrain: options.TerrainFiles = (),
     cell_size: options.CellSize = None,
@@ -77,7 +73,6 @@ def command(
     fresh_map: Annotated[bool, _FRESH_MAP] = False,
     seed: options.Seed = 1,
     as_json: options.AsJson = False,
-    markdown: Annotated[bool, "Print the tables as Markdown."] = False,
 ) -> None:
     """Compare planners on many queries, in one interleaved run.
 
@@ -97,8 +92,8 @@ def command(
 
     \b
     nnpp-edge evaluate --terrain dem.tif --rescale 20 --workload soft,limit15 --sizes 256,512
-    nnpp-edge evaluate --terrain dem.tif --rescale 20 --sizes 256,1024 --fresh-map --markdown
-    nnpp-edge evaluate dem.tif --held-out --validation-share 0.2 --model own.onnx
+    nnpp-edge evaluate --terrain dem.tif --rescale 20 --sizes 256,1024 --fresh-map
+    nnpp-edge evaluate --terrain dem.tif --held-out --validation-share 0.2 --model own.onnx
     nnpp-edge evaluate --terrain dem.tif --vehicle small-rover --workload body,body-rocks10
     """
     from nnpp_edge.profiling import suites
@@ -110,13 +105,10 @@ def command(
     from nnpp_edge.terrain.shards import stripe_of
     from nnpp_edge.terrain.workloads import of_bodies
 
-    files = (*terrain, *more_terrain)
-    if bool(files) == synthetic:
+    if bool(terrain) == synthetic:
         raise click.UsageError("give either --terrain FILE or --synthetic")
     if held_out != bool(validation_share) or (held_out and synthetic):
         raise click.UsageError("--held-out and --validation-share go together, with --terrain")
-    if as_json and markdown:
-        raise click.UsageError("give one of --json and --markdown")
     if unknown := set(methods) - set(Method):
         raise click.UsageError(
             f"--methods must be of {', '.join(Method)}, got {', '.join(sorted(unknown))}"
@@ -140,7 +132,7 @@ def command(
     if networks and Method.NNPP in methods:
         of_point += controls()
     of_body = exact_and(without_network, {})
-    dems = suites.TerrainFiles(files, rescale, cell_size).read()
+    dems = [] if synthetic else suites.dems_of(terrain, rescale, cell_size)
     if held_out:
         dems = [stripe_of(dem, (1.0 - validation_share, 1.0)) for dem in dems]
     suites.check_sizes(dems, sizes)
@@ -172,6 +164,6 @@ def command(
     def text() -> str:
         fresh = of_points if fresh_map else []
         tables = ((standing, _COLUMNS), (fresh, _FRESH_COLUMNS), (of_bodies_rows, _BODY_COLUMNS))
-        return "\n\n".join(table(each, as_, markdown=markdown) for each, as_ in tables if each)
+        return "\n\n".join(table(each, as_) for each, as_ in tables if each)
 
     tell(as_json, rows, text, indent=1)

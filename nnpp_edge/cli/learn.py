@@ -2,7 +2,6 @@
 
 import io
 import shlex
-from collections.abc import Callable, Iterator
 from contextlib import redirect_stdout
 from dataclasses import replace
 from functools import partial
@@ -16,9 +15,8 @@ from nnpp_edge.cli import options
 from nnpp_edge.cli.ground_options import TerrainOptions
 from nnpp_edge.cli.text import columns, table
 from nnpp_edge.files import alone_in, make_folder, write_whole
-from nnpp_edge.runtime.errors import InvalidQueryError, OutputError
+from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.options import Omega
-from nnpp_edge.runtime.reading import refused_as
 
 SIZES = (64, 128, 256)
 """Sides of the training's maps, of which the largest that fits is taken; `edge` is shown 64²."""
@@ -26,50 +24,12 @@ VALIDATED_ON = 128
 """Maps of the stripe that is held out, for validation."""
 MOST_COMPARED = 2048
 """Cells to a side of the map that planners are compared on, at most."""
-_AT_A_TIME = 20
-"""Queries whose optima are found before they are answered."""
-STEPS = 6
 OWN = "own"
 """Name of the network that is made."""
 _COLUMNS = columns(
     "planner: method | first/region: success_raw .1% | gap/mean: gap_mean z.2% | "
     "gap/p99: gap_p99 z.2% | ms/median: time_ms_median | times as fast/as astar: speedup_median"
 )
-
-
-class Steps:
-    """Steps made one after another. Those that were made before are not repeated, unless their
-    lines or that of a step before have changed.
-    """
-
-    def __init__(self, file: Path, show: Callable[[str], None]) -> None:
-        self._file = file
-        self._show = show
-        self._made: list[tuple[str, str]] = []
-        self._before: list[tuple[str, str]] = []
-        """Lines of steps, and what these printed."""
-        if file.exists():
-            with refused_as(OutputError, f"{file}: wanted the steps of nnpp-edge learn"):
-                self._before = msgspec.json.decode(file.read_bytes(), type=list[tuple[str, str]])
-
-    def make(self, line: str, call: Callable[[], str]) -> str:
-        """Make the next step, if need be; what it printed, which is shown."""
-        self._show(f"[{len(self._made) + 1}/{STEPS}] {line}")
-        if self._before and self._before[0][0] == line:
-            step = self._before.pop(0)
-        else:
-            self._before.clear()
-            step = (line, call())
-        self._show(step[1])
-        self._made.append(step)
-        content = msgspec.json.encode([*self._made, *self._before])
-        write_whole(self._file, msgspec.json.format(content, indent=1))
-        return step[1]
-
-    def command(self, *words: object) -> str:
-        """Run a command of nnpp-edge."""
-        line = list(map(str, words))
-        return self.make(shlex.join(["nnpp-edge", *line]), partial(_printed, line))
 
 
 def _printed(words: list[str]) -> str:
@@ -109,8 +69,8 @@ def command(
     edge trained, exported and quantised. On the stripe it is compared with exact A*, with corridor,
     which needs no network, and with the shipped edge. Limits are those of nnpp-edge plan.
 
-    Each step is a command whose line is printed. The same command continues where it was stopped; a
-    step is repeated if its line has changed.
+    Each step is a command whose line is printed. The same command continues where it was stopped:
+    data sets and a training that are complete are not made again.
 
     \b
     nnpp-edge learn dem.tif -o own --time-limit 15
@@ -127,7 +87,6 @@ def command(
         raise InvalidQueryError(f"{elevations}: wanted {wanted}, got {room}: {shape}")
     make_folder(output)
     click.get_current_context().with_resource(alone_in(output))
-    steps = Steps(output / "learn.json", partial(click.echo, err=as_json))
 
     ground = ["--size", fitting[-1], "--validation-share", validation_share, "--omega", omega]
     ground += ["--own-cell-size"] if terrain.rescale is None else ["--rescale", terrain.rescale]
@@ -136,21 +95,28 @@ def command(
     if terrain.cell_size is not None:
         ground += ["--cell-size", terrain.cell_size]
     data, held_out, run = (output / name for name in ("data", "data-held-out", "run"))
-    steps.command("dataset", elevations, "-o", data, *ground, "--maps", maps, "--seed", seed)
-    drawn = ["--maps", VALIDATED_ON, "--seed", seed + 1, "--synthetic-share", 0, "--held-out"]
-    steps.command("dataset", elevations, "-o", held_out, *ground, *drawn)
-    judged = ["--validation", held_out]
-    steps.command("train", data, "-o", run, *judged, "--time-limit", time_limit, "--seed", seed)
     fp32, int8 = (output / f"{name}.onnx" for name in ("fp32", "int8"))
-    steps.command("export", run / "best.pt", "-o", fp32, "--name", OWN, "--dataset", data)
-    printed = steps.command(
-        "quantize", fp32, "-o", int8, "--dataset", data, *judged, "--seed", seed
-    )
+    drawn = ["--maps", VALIDATED_ON, "--seed", seed + 1, "--synthetic-share", 0, "--held-out"]
+    judged = ["--validation", held_out]
+    steps = [
+        ["dataset", elevations, "-o", data, *ground, "--maps", maps, "--seed", seed],
+        ["dataset", elevations, "-o", held_out, *ground, *drawn],
+        ["train", data, "-o", run, *judged, "--time-limit", time_limit, "--seed", seed],
+        ["export", run / "best.pt", "-o", fp32, "--name", OWN, "--dataset", data],
+        ["quantize", fp32, "-o", int8, "--dataset", data, *judged, "--seed", seed],
+    ]
+    tell = partial(click.echo, err=as_json)
+    printed = ""
+    for number, words in enumerate(steps, 1):
+        line = list(map(str, words))
+        tell(f"[{number}/6] {shlex.join(['nnpp-edge', *line])}")
+        printed = _printed(line)
+        tell(printed)
 
     network = int8 if "recommended: int8" in printed else fp32
-    line = f"{network}, exact A*, corridor, edge and controls on {queries} queries of the stripe"
-    compare = partial(_compared, network, held_out, terrain, omega, queries, seed)
-    steps.make(line, compare)
+    beside = "exact A*, corridor, edge and controls"
+    tell(f"[6/6] {network}, {beside} on {queries} queries of the stripe")
+    tell(_compared(network, held_out, terrain, omega, queries, seed))
     if as_json:
         click.echo((output / "comparison.json").read_text())
 
@@ -164,46 +130,28 @@ def _compared(
     seed: int,
 ) -> str:
     """The network beside other planners on the stripe, in words; figures in a file beside it."""
-    import numpy as np
-
     from nnpp_edge.profiling.evaluate import evaluate, evaluated
     from nnpp_edge.profiling.rivals import EXACT, RivalPlanner, controls, exact_and
-    from nnpp_edge.profiling.suites import LEAST_DISTANCE, Case
+    from nnpp_edge.profiling.suites import terrain_cases
     from nnpp_edge.profiling.worth import beside, verdict
     from nnpp_edge.progress import bar
-    from nnpp_edge.runtime.map.ground import Ground
     from nnpp_edge.runtime.network.inference import NetworkModel
     from nnpp_edge.runtime.planners.plan import Method
     from nnpp_edge.terrain.dataset import read_recipe
-    from nnpp_edge.terrain.labels import random_query
     from nnpp_edge.terrain.shards import read_terrain
 
     (stripe,) = read_terrain(read_recipe(held_out))
     if terrain.rescale is not None:
         stripe = stripe.rescaled(terrain.rescale)
-    heights = np.ascontiguousarray(stripe.elevation[:MOST_COMPARED, :MOST_COMPARED])
-    ground = Ground.of_elevation(
-        heights, stripe.cell_size_m, terrain.limits(), cell_width_m=stripe.cell_width_m
-    )
-    cost = ground.costs()
-    side = max(cost.shape)
-    rng = np.random.default_rng(seed)
-
-    def cases() -> Iterator[Case]:
-        """The map with a few queries at a time, more than are wanted, as some have no path."""
-        for _ in range(0, 2 * queries, _AT_A_TIME):
-            drawn = [random_query(rng, cost, LEAST_DISTANCE * side) for _ in range(_AT_A_TIME)]
-            if ends := tuple(query for query in drawn if query is not None):
-                yield Case(str(terrain.workload), side, cost, ends, ground)
-
+    size = min(MOST_COMPARED, *stripe.shape)
+    name = str(terrain.workload)
+    cases = terrain_cases([stripe], name, size, seed, limits=terrain.limits())
     networks = (OWN, network), ("edge", "edge")
     learned = [RivalPlanner(name, Method.NNPP, NetworkModel(file)) for name, file in networks]
     rivals = exact_and(["corridor"], {}) + learned + controls()
     rivals = [replace(each, omega=omega) for each in rivals]
     with bar("compare", queries) as advance:
-        rows = evaluate(cases(), rivals, queries, progress=advance)
-    if not rows:
-        raise InvalidQueryError(f"{stripe.source}: wanted a path on the stripe, got none")
+        rows = evaluate(cases, rivals, queries, progress=advance)
     figures = evaluated(rows)
     of = rows.by("planner")
     pairs = [beside(name, of[OWN], of[name]) for name in of if name not in (EXACT, OWN)]
@@ -216,9 +164,8 @@ def _compared(
         gap = f"mean gaps differ by {each.gap_points} points"
         speed = f"{each.times_as_fast} times as fast in the median"
         lines.append(f"{OWN} beside {each.other}: {gap}, {speed}: {each.judgement}")
-    size = " × ".join(map(str, cost.shape))
     lines.append(
-        f"{len(of[OWN])} queries on a map of {size} cells that it was not trained on; "
+        f"{len(of[OWN])} queries on maps of {size} × {size} cells that it was not trained on; "
         "brackets: 95 %, had other queries been drawn there"
     )
     lines.append(f"verdict: {told['verdict']}")

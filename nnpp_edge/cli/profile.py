@@ -31,8 +31,6 @@ _OUTPUT = (
     "with --peers for "
     "peers.json and peers.md."
 )
-_Bmf = Annotated[Path | None, "Write every figure to this file, as Bencher Metric Format."]
-_Junit = Annotated[Path | None, "Write the budgets to this file, as tests in JUnit XML."]
 _SIZES = (
     "Sides of the maps, in place of the profile's; for --peers 256,512,1024. Synthetic terrain "
     "where no file is "
@@ -52,18 +50,19 @@ def compare_command(
 ) -> None:
     """Look for regressions between two reports, report.json of -o.
 
-    Exit code 1 when a figure is worse by more than the tolerance, 3 when only figures of a
-    disturbed run are.
+    The figures of the first are budgets for the second, but for the tolerance. Exit codes are those
+    of nnpp-edge profile.
 
     \b
     nnpp-edge profile compare before/report.json after/report.json --tolerance 0.1
     """
     from nnpp_edge.cli.profile_text import comparison_text
-    from nnpp_edge.profiling.compare import NOISY, WORSE, compare, read_report
+    from nnpp_edge.profiling.compare import compare, read_report
+    from nnpp_edge.profiling.judge import EXIT_CODES
 
     comparison = compare(read_report(before), read_report(after), tolerance)
     tell(as_json, comparison, lambda: comparison_text(comparison), indent=1)
-    sys.exit({WORSE: 1, NOISY: 3}.get(comparison["verdict"], 0))
+    sys.exit(EXIT_CODES[comparison["verdict"]])
 
 
 @options.command("render")
@@ -73,41 +72,31 @@ def render_command(
     output: Annotated[
         Path | None, "-o", options.NEW_PATH, "The page's file, or its folder."
     ] = None,
-    bmf: _Bmf = None,
-    junit: _Junit = None,
 ) -> None:
     """Draw the page of a report, without measuring again.
 
     REPORT is a report.json of -o, of this machine or another. Without -o the page is put beside it,
-    as report.html; with --bmf or --junit there is only a page where -o asks for one. Prints what
-    was written.
+    as report.html. Prints what was written.
 
     \b
     nnpp-edge profile render report/report.json
-    nnpp-edge profile render report/report.json --junit budgets.xml
     """
-    from nnpp_edge.files import write_all
+    from nnpp_edge.files import write_whole
     from nnpp_edge.profiling.compare import read_report
     from nnpp_edge.runtime.errors import InvalidQueryError
     from nnpp_edge.runtime.reading import refused_as
     from nnpp_edge.viz.figures import page
 
     facts = read_report(report)
-    if output is None and bmf is None and junit is None:
-        output = report.with_suffix(".html")
-    elif output is not None and output.is_dir():
+    output = output or report.with_suffix(".html")
+    if output.is_dir():
         output /= "report.html"
-    options.check_outputs(
-        *(("--output", output), ("--bmf", bmf), ("--junit", junit)), make_folders=True
-    )
+    options.check_outputs(("--output", output), make_folders=True)
     wanted = f"{report}: wanted a report of nnpp-edge profile, got a damaged one"
     with refused_as(InvalidQueryError, wanted):
-        contents = _for_ci(facts, bmf, junit)
-        if output is not None:
-            contents[output] = page(facts).encode()
-    write_all(contents)
-    for path in contents:
-        click.echo(path)
+        content = page(facts).encode()
+    write_whole(output, content)
+    click.echo(output)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,22 +123,21 @@ class ProfileOptions:
         int | None, options.SEED, "Of every random choice; by default the profile's, else 1."
     ] = None
     as_json: options.AsJson = False
-    markdown: Annotated[bool, "Print the report, with --peers its table, as Markdown."] = False
     start_up: Annotated[
         bool,
         "Also measure how long new processes take to a first plan, and to the loop's first "
         "answer; takes minutes.",
     ] = False
     output: Annotated[Path | None, "-o", options.FOLDER, _OUTPUT] = None
-    bmf: _Bmf = None
-    junit: _Junit = None
+    junit: Annotated[Path | None, "Write the budgets to this file, as tests in JUnit XML."] = None
 
     def files(self, names: Iterable[str], read: Iterable[str] = ()) -> list[Path]:
         """Those to write, if any, which were checked against what is read."""
         paths = [] if self.output is None else [self.output / name for name in names]
         outputs: list[tuple[str, Path | None]] = [("--output", path) for path in paths]
-        outputs += [("--bmf", self.bmf), ("--junit", self.junit)]
-        options.check_outputs(*outputs, more_inputs=read, make_folders=True)
+        options.check_outputs(
+            *outputs, ("--junit", self.junit), more_inputs=read, make_folders=True
+        )
         return paths
 
 
@@ -173,7 +161,7 @@ def command(asked: ProfileOptions) -> None:
     nnpp-edge profile
     nnpp-edge profile --profile quick
     nnpp-edge profile --profile edge-2core --terrain dem.tif -o report
-    nnpp-edge profile --profile quick --junit budgets.xml --bmf figures.json
+    nnpp-edge profile --profile quick --junit budgets.xml
     nnpp-edge profile render report/report.json
     nnpp-edge profile compare before/report.json after/report.json
     nnpp-edge profile --peers --sizes 256,512,1024 -o bench
@@ -190,11 +178,9 @@ def command(asked: ProfileOptions) -> None:
         return
     if asked.profile and asked.peers:
         raise click.UsageError("give one of --profile and --peers")
-    if asked.as_json and asked.markdown:
-        raise click.UsageError("give one of --json and --markdown")
     if not asked.peers:
         sys.exit(_profile(asked.profile or _DEFAULT, asked))
-    for name in ("vehicle", "start_up", "bmf", "junit"):
+    for name in ("vehicle", "start_up", "junit"):
         if getattr(asked, name):
             raise click.UsageError(f"--{name.replace('_', '-')} does not go with --peers")
     _peers(asked)
@@ -206,6 +192,7 @@ def _profile(name: str, asked: ProfileOptions) -> int:
     from nnpp_edge.files import write_all
     from nnpp_edge.profiling.compare import board_table
     from nnpp_edge.profiling.judge import EXIT_CODES
+    from nnpp_edge.profiling.junit import junit
     from nnpp_edge.profiling.measure import queries_in
     from nnpp_edge.profiling.profile_file import overridden, read_profile
     from nnpp_edge.profiling.report import profile_machine
@@ -228,24 +215,15 @@ def _profile(name: str, asked: ProfileOptions) -> int:
             say=lambda line: click.echo(line, err=True),
         )
     content = json.dumps(report, indent=1)
-    markdown = report_text(report, markdown=True)
-    contents = _for_ci(report, asked.bmf, asked.junit)
+    contents = {} if asked.junit is None else {asked.junit: junit(report)}
     if written:
+        markdown = report_text(report, markdown=True)
         texts = (content, markdown, f"{board_table(report)}\n", _page(report))
         files = zip(written, texts, strict=True)
         contents |= {path: text.encode() for path, text in files if text}
     write_all(contents)
-    printed = content if asked.as_json else markdown if asked.markdown else report_text(report)
-    click.echo(printed.rstrip("\n"))
+    click.echo(content if asked.as_json else report_text(report))
     return EXIT_CODES[report["verdict"]]
-
-
-def _for_ci(report: "Facts", bmf_file: Path | None, junit_file: Path | None) -> dict[Path, bytes]:
-    """The content of each of these files that is asked for."""
-    from nnpp_edge.profiling.ci_files import bmf, junit
-
-    asked = ((bmf_file, bmf), (junit_file, junit))
-    return {path: content_of(report) for path, content_of in asked if path is not None}
 
 
 def _page(report: "Facts") -> str:
@@ -267,7 +245,7 @@ def _peers(asked: ProfileOptions) -> None:
     from nnpp_edge.benchmarks.peers import run
     from nnpp_edge.cli.profile_text import peers_text
     from nnpp_edge.files import write_all
-    from nnpp_edge.profiling.suites import TerrainFiles
+    from nnpp_edge.profiling.suites import dems_of
     from nnpp_edge.progress import bar
 
     sizes = asked.sizes or _PEERS_SIZES
@@ -279,11 +257,11 @@ def _peers(asked: ProfileOptions) -> None:
             f"--sizes must be different numbers from 16 to {options.LARGEST_SIDE}, got {words}"
         )
     written = asked.files(("peers.json", "peers.md"))
-    terrain = TerrainFiles.or_sample(asked.terrain, asked.rescale, asked.cell_size)
+    dems = dems_of(asked.terrain, asked.rescale, asked.cell_size)
     with bar("profile", queries * len(sizes)) as advance:
-        rows, missing = run(sizes, queries, terrain, seed=seed, progress=advance)
+        rows, missing = run(sizes, queries, dems, seed=seed, progress=advance)
     facts = {"queries": queries, "seed": seed, "left_out": missing, "rows": rows}
     if written:
         texts = (json.dumps(facts, indent=1), f"{peers_text(rows, missing, markdown=True)}\n")
         write_all({path: text.encode() for path, text in zip(written, texts, strict=True)})
-    tell(asked.as_json, facts, lambda: peers_text(rows, missing, markdown=asked.markdown), indent=1)
+    tell(asked.as_json, facts, lambda: peers_text(rows, missing), indent=1)

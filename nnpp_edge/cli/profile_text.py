@@ -7,15 +7,10 @@ from nnpp_edge.cli.text import Columns, Row, aligned, columns, table
 from nnpp_edge.profiling.compare import machine_words
 from nnpp_edge.profiling.figures import stages_of
 from nnpp_edge.profiling.inference import int8_in_words
-from nnpp_edge.profiling.judge import IN_WORDS, measured, place, wanted
+from nnpp_edge.profiling.judge import IN_WORDS, PASS, measured, place, wanted
 from nnpp_edge.profiling.rows import Facts
 from nnpp_edge.progress import MISSING
 from nnpp_edge.runtime.errors import INSTALL
-
-
-def _verdict(line: Row) -> str:
-    return str(line["verdict"]).upper()
-
 
 _PLACE = "workload | size: size ² | planner"
 _RESULTS = columns(
@@ -36,10 +31,6 @@ _LOOP: Columns = {
         "n | ms/median: reaction_ms.median | ms/p90: reaction_ms.p90 | ms/p99: reaction_ms.p99 | "
         "ms/max: reaction_ms.max | new: planned | kept"
     ),
-}
-_COMPARED = {
-    **columns(f"{_PLACE} | figure | before | after | worse by: change +.1%"),
-    "verdict": _verdict,
 }
 _PEERS = columns(
     "size | terrain | planner | n | ms/median: time_ms_median | ms/p95: time_ms_p95 | "
@@ -64,14 +55,7 @@ def report_text(report: Facts, *, markdown: bool = False) -> str:
     def lines(found: Iterable[str]) -> str:
         return "\n".join(f"{bullet}{line}" for line in found)
 
-    verdict = [
-        part("Budgets", report["budgets"], _BUDGETS),
-        lines(
-            f"{line['name']} ({line['planner']}, {place(line)}): {line['why']}"
-            for line in report["budgets"]
-            if line["why"]
-        ),
-    ]
+    verdict = [part("Budgets", report["budgets"], _BUDGETS), lines(_reasons(report["budgets"]))]
     measured = [
         part("Times, speed-ups and path costs", results, _RESULTS),
         part("Mean ms by stage, and share of the whole", results, columns(_PLACE) | stages),
@@ -88,6 +72,12 @@ def report_text(report: Facts, *, markdown: bool = False) -> str:
         title = f"# {report['profile']['title']}"
         parts = [title, answers, report["summary"], *verdict, *measured]
     return "\n\n".join(filter(None, parts)) + "\n" * markdown
+
+
+def _reasons(budgets: Iterable[Row]) -> Iterator[str]:
+    for line in budgets:
+        if line["why"]:
+            yield f"{line['name']} ({line['planner']}, {place(line)}): {line['why']}"
 
 
 def _stage(name: str, row: Row) -> str:
@@ -121,20 +111,12 @@ _BUDGETS: Columns = {
 
 
 def comparison_text(comparison: Facts) -> str:
-    """The figures that changed, and how the comparison ends."""
-    changed = [line for line in comparison["lines"] if line["verdict"] != "same"]
+    """The budgets that are not kept, and how the comparison ends."""
+    lines = [line for line in comparison["budgets"] if line["verdict"] != PASS]
     parts = [f"note: {line}" for line in comparison["notes"]]
-    if changed:
-        parts.append(table(changed, _COMPARED))
-    worse = sum(line["verdict"] in ("worse", "noisy") for line in changed)
-    better = sum(line["verdict"] == "better" for line in changed)
-    doubt = " (all of them in a disturbed run)" if comparison["verdict"] == "noisy" else ""
-    tolerance = 100 * comparison["tolerance"]
-    parts.append(
-        f"{worse} of {len(comparison['lines'])} figures are worse by more than {tolerance:g} "
-        f"%{doubt}, {better} better"
-    )
-    return "\n".join(parts)
+    if lines:
+        parts.append(table(lines, _BUDGETS))
+    return "\n".join([*parts, *_reasons(lines), comparison["summary"]])
 
 
 def peers_text(rows: Sequence[Facts], missing: Sequence[str], *, markdown: bool = False) -> str:

@@ -1,8 +1,6 @@
 """`nnpp-edge reproduce`: the paper's experiments, beside the paper's figures."""
 
-import json
 from collections import Counter
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -13,7 +11,6 @@ from nnpp_edge.cli import options
 _MODEL = (
     "Network of the paper's method; given twice, the second is ours; by default paper and edge."
 )
-_QUERIES = "Timed queries at each size (table2, fig9, fig11), by default 200, 30 and 300."
 
 
 @options.command("reproduce")
@@ -24,16 +21,13 @@ def command(
     cell_size: options.CellSize = None,
     rescale: options.Rescale = None,
     models: Annotated[tuple[str, ...], "--model", options.MODEL, options.MANY, _MODEL] = (),
-    queries: Annotated[int | None, _QUERIES] = None,
     quick: Annotated[
         bool, "A quick test of less than a minute; its figures are not meaningful."
     ] = False,
-    again: Annotated[bool, "Run experiments that are complete, too."] = False,
     output: Annotated[
-        Path, "-o", options.FOLDER, "Folder for the results; what is complete in it is kept."
+        Path, "-o", options.FOLDER, "Folder for the results; other experiments in it are kept."
     ] = Path("reproduction"),
     seed: options.Seed = 1,
-    as_json: options.AsJson = False,
 ) -> None:
     """Repeat the paper's experiments and compare the figures.
 
@@ -42,13 +36,13 @@ def command(
 
     EXPERIMENT is a table or figure of docs/reproduce.md, such as table2 or fig9; by default all.
     Each gets a folder with its figures (CSV) and a picture (PNG); README.md has the
-    tables and the verdicts. Complete experiments are not run again.
+    tables and the verdicts.
 
     \b
     nnpp-edge reproduce --terrain dem.tif --rescale 20 -o reproduction
     nnpp-edge reproduce table2 fig7 --quick
     """
-    from nnpp_edge.profiling.suites import TerrainFiles
+    from nnpp_edge.profiling.suites import dems_of
     from nnpp_edge.reproduction.runner import EXPERIMENTS, reproduce
 
     if unknown := [name for name in experiments if name not in EXPERIMENTS]:
@@ -61,24 +55,9 @@ def command(
         )
     both = (models[0], models[-1]) if models else ("paper", "edge")
     names = [name for name in EXPERIMENTS if not experiments or name in experiments]
-    files = TerrainFiles.or_sample(terrain, rescale, cell_size)
-    told = []
-    made_by = reproduce(
-        names, files, output, models=both, seed=seed, quick=quick, queries=queries, again=again
-    )
-    for made, ran in made_by:
-        findings = [asdict(finding) for finding in made.findings]
-        told.append(
-            {"experiment": made.name, "ended": "done" if ran else "skipped", "findings": findings}
-        )
+    dems = dems_of(terrain, rescale, cell_size)
+    for made in reproduce(names, dems, output, models=both, seed=seed, quick=quick):
         verdicts = Counter(finding.verdict for finding in made.findings)
         counts = ", ".join(f"{count} {verdict}" for verdict, count in sorted(verdicts.items()))
-        kept = "" if ran else ", complete already (--again repeats it)"
-        if not as_json:
-            click.echo(f"{made.name}: {counts}{kept}; {output / made.name}")
-    if as_json:
-        click.echo(
-            json.dumps({"output": str(output), "experiments": told}, indent=1, ensure_ascii=False)
-        )
-    else:
-        click.echo(f"comparison with the paper: {output / 'README.md'}")
+        click.echo(f"{made.name}: {counts}; {output / made.name}")
+    click.echo(f"comparison with the paper: {output / 'README.md'}")

@@ -50,11 +50,6 @@ def command(
     ticks: Annotated[int, "At most."] = 5000,
     sight: Annotated[int, "Cells to each side, beyond the body, that it sees."] = 12,
     speed: Annotated[int, "Cells a tick."] = 1,
-    steering_noise: Annotated[
-        float,
-        options.Real(0.0, 45.0),
-        "Standard deviation of the steering angle, degrees, of a vehicle that drives arcs.",
-    ] = 0.0,
     rocks: Annotated[float, options.Real(0.0, 0.2), "Share of the ground under rocks."] = 0.0,
     seed: options.Seed = 1,
     endless: Annotated[bool, "Drive from goal to goal for all --ticks."] = False,
@@ -100,7 +95,6 @@ def command(
         speed=speed,
         seed=seed,
         endless=endless,
-        steering_noise_deg=steering_noise,
         steps=steps,
     )
     film = film_of(picture)

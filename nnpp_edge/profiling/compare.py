@@ -2,40 +2,38 @@
 boards.
 """
 
-import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import cast
 
-from nnpp_edge.profiling.judge import value_of
+from nnpp_edge.profiling.judge import Noise, judged, noise_of, summary, value_of, verdict
+from nnpp_edge.profiling.profile_file import Budget, Profile
+from nnpp_edge.profiling.quantities import QUANTITIES
 from nnpp_edge.profiling.report import SCHEMA
 from nnpp_edge.profiling.rows import PLACE, Facts
+from nnpp_edge.profiling.sensors import Throttling
 from nnpp_edge.progress import MISSING, markdown_table, shown
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.reading import parse, read_text, refused_as
 
-SAME = "same"
-BETTER = "better"
-WORSE = "worse"
-NOISY = "noisy"
-
-
-_FIGURES = """
-time_ms median      | time_ms_median      | 0.005  | time
-time_ms mean        | time_ms_mean        | 0.005  | time
-inference_ms median | inference_ms_median | 0.005  | time
-map_ms median       | map_ms              | 0.005  | time
-patch_ms median     | patch_ms            | 0.005  | time
-speedup total       | speedup_total       | 0      | time, more
-gap mean            | gap_mean            | 0.0005 |
-success first       | success_first       | 0.01   | more, rest
-success             | success             | 0      | more, rest
+COMPARED = {
+    "time_ms_median": 0.005,
+    "inference_ms_median": 0.005,
+    "map_ms": 0.005,
+    "patch_ms": 0.005,
+    "speedup_total": 0.0,
+    "gap_mean": 0.0005,
+    "success_first": 0.01,
+    "success": 0.0,
+}
+"""What is compared, and the change up to which a figure counts as the same, whatever its share.
+Tails such as p99 differ from run to run by more than any tolerance of use.
 """
-"""What is compared: its name, the figure of a row, the change up to which it counts as the same,
-whatever its share; whether a disturbed run may have changed it (time), whether more of it is
-better, and whether it is near 1 and compared by what is missing (rest). Tails such as p99 differ
-from run to run by more than any tolerance of use.
-"""
+_ALIKE = {
+    "CPU": ("environment", "cpu"),
+    "queries": ("profile", "load"),
+    "networks": ("profile", "networks"),
+}
+"""Facts that must be equal in two reports, by their names."""
 
 
 def read_report(path: Path) -> Facts:
@@ -51,97 +49,61 @@ def read_report(path: Path) -> Facts:
 
 
 def compare(before: Facts, after: Facts, tolerance: float) -> Facts:
-    """Compare every figure that both reports have: ``verdict``, ``tolerance``, ``notes`` and
-    ``lines``.
+    """Judge the second report by budgets that are the figures of the first: ``verdict``,
+    ``summary``, ``tolerance``, ``notes`` and ``budgets``.
 
-    `tolerance` is the share by which a figure may become worse, and must become better to count as
-    better: of a time the new over the old one, less 1, for worse, and the old over the new one,
-    less 1, for better. A success share counts by what is missing to 1. A line's change is that,
-    above 0 where the figure became worse, below 0 where it became better. InvalidQueryError if the
-    reports have no workload, size and planner in common."""
-    lines = []
+    `tolerance` is the share by which a figure may become worse; of a success share what is missing
+    to 1 counts. InvalidQueryError if the reports have no workload, size and planner in common.
+    """
     with refused_as(
         InvalidQueryError,
         "wanted two reports of nnpp-edge profile, got a damaged one",
     ):
-        notes = list(_differences(before, after))
-        doubtful = bool(_doubt(before) or _doubt(after))
         old = {PLACE(row): row for row in before["results"]}
+        budgets = []
         for row in after["results"]:
-            for line in _FIGURES.strip().splitlines():
-                name, figure, least, kind = (cell.strip() for cell in line.split("|"))
-                was = value_of(old.get(PLACE(row), {}), figure)
-                now = value_of(row, figure)
-                if was is not None and now is not None:
-                    change, state = _changed(was, now, float(least), kind, tolerance)
-                    if doubtful and state == WORSE and "time" in kind:
-                        state = NOISY
-                    place = {key: row[key] for key in ("workload", "size", "planner")}
-                    told = {"figure": name, "before": was, "after": now}
-                    lines.append({**place, **told, "change": change, "verdict": state})
+            for quantity in COMPARED:
+                was = value_of(old.get(PLACE(row), {}), quantity)
+                if was is not None and value_of(row, quantity) is not None:
+                    budgets.append(_budget(row, quantity, was, tolerance))
+        noise = _noise(before, after)
+        lines = judged(Profile("", "", budgets=tuple(budgets)), after["results"], {}, noise)
+        notes = [
+            f"other {name} in the second report: hard to compare"
+            for name, (table, key) in _ALIKE.items()
+            if before[table][key] != after[table][key]
+        ]
     if not lines:
         raise InvalidQueryError(
             "wanted reports with a workload, size and planner in common, got two without"
         )
-    states = {line["verdict"] for line in lines}
-    verdict = next((state for state in (WORSE, NOISY) if state in states), SAME)
-    return {"verdict": verdict, "tolerance": tolerance, "notes": notes, "lines": lines}
+    ending = verdict(lines, noise)
+    told = {"verdict": ending, "summary": summary(ending, lines, noise.words)}
+    return {**told, "tolerance": tolerance, "notes": notes, "budgets": lines}
 
 
-def _changed(
-    was: float, now: float, least: float, kind: str, tolerance: float
-) -> tuple[float | None, str]:
-    """By which share a figure became worse, None where that was 0, and its verdict."""
-    worse_by = was - now if "more" in kind else now - was
-    # over the smaller of both: twice as slow and twice as fast are the same change
-    both = (1.0 - was, 1.0 - now) if "rest" in kind else (was, now)
-    base = min(map(abs, both))
-    change = worse_by / base if base else None
-    if abs(worse_by) <= least or (change is not None and abs(change) <= tolerance):
-        return change if worse_by else 0.0, SAME
-    return change, WORSE if worse_by > 0.0 else BETTER
+def _budget(row: Facts, quantity: str, was: float, tolerance: float) -> Budget:
+    """That a figure of this row may be no worse than it `was`, but for the tolerance."""
+    least = COMPARED[quantity]
+    direction = "at least"
+    if quantity.startswith("success"):
+        limit = was - max(tolerance * (1.0 - was), least)
+    elif quantity.startswith("speedup"):
+        limit = was / (1.0 + tolerance)
+    else:
+        direction = "at most"
+        limit = was + max(tolerance * was, least)
+    kind = QUANTITIES[quantity]
+    workload, size, planner = PLACE(row)
+    limit *= kind.scale
+    return Budget(quantity, quantity, limit, direction, kind.unit, planner, workload, size)
 
 
-_ALIKE = {
-    "the CPU differs": "environment.cpu",
-    "the cores differ": "cores",
-    "the governor differs": "environment.governor",
-    "the queries differ": "profile.load",
-    "the networks differ": "profile.networks",
-    "onnxruntime differs": "environment.packages.onnxruntime",
-}
-"""Facts that must be equal in two reports: what is said where they are not, and their keys."""
-
-
-def _differences(before: Facts, after: Facts) -> Iterator[str]:
-    """Reasons why the reports are hard to compare."""
-    for words, path in _ALIKE.items():
-        values = [json.dumps(_inside(each, path), ensure_ascii=False) for each in (before, after)]
-        if values[0] != values[1]:
-            yield f"{words}: {', then '.join(values)}"
-    for words, report in (("first", before), ("second", after)):
-        doubt = _doubt(report)
-        if doubt:
-            yield f"the {words} run was {doubt}"
-
-
-def _doubt(report: Facts) -> str:
-    """Reasons to doubt a report's times; empty where nothing does. Older reports tell nothing of
-    sensors.
-    """
-    words = report["disturbance"]["words"]
-    slowed = _inside(report, "sensors.throttled")
-    if words:
-        return f"disturbed: {words}"
-    return f"throttled: {slowed}" if slowed else ""
-
-
-def _inside(facts: Facts | None, path: str) -> float | None:
-    """The value at the end of these keys, joined by dots; None where one is missing."""
-    *keys, last = path.split(".")
-    for key in keys:
-        facts = facts and facts.get(key)
-    return facts.get(last) if facts else None
+def _noise(*reports: Facts) -> Noise:
+    """That of all runs."""
+    halves = [half for report in reports for half in report["disturbance"]["halves"]]
+    slowed = [report["sensors"]["throttled"] for report in reports]
+    return noise_of(halves, Throttling("; ".join(filter(None, slowed)), 1.0))
 
 
 def board_table(report: Facts) -> str:

@@ -30,6 +30,11 @@ MOST_DISTURBED = 0.10
 """Shares by which medians of the halves of a run may differ, and of the time that others
 may take.
 """
+_TAKEN = {
+    "others_share": "others took {:.0f} % of the cores' time",
+    "waited_share": "the planners stood still for {:.0f} % of theirs",
+}
+"""What is said of the shares of a report's halves."""
 _QUESTIONS = {
     "{:g} FPS": ("fps", "map_fps", "inference_fps"),
     "{:g}×": ("speedup_total", "speedup_plain"),
@@ -53,6 +58,16 @@ class Noise(NamedTuple):
     """Of the time."""
     throttling: Throttling = Throttling()
     """Whether the processor was slowed."""
+
+
+def noise_of(halves: Sequence[Facts], throttling: Throttling) -> Noise:
+    """Noise in the half of a run in which others took most time."""
+    shares = {}
+    for key, words in _TAKEN.items():
+        share = max(half[key] or 0.0 for half in halves)
+        shares[words.format(100 * share)] = share
+    signs = [words for words, share in shares.items() if share > MOST_DISTURBED]
+    return Noise(" and ".join(signs), max(shares.values()), throttling)
 
 
 def judged(

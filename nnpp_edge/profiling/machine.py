@@ -5,7 +5,6 @@ processes. None stands for what Linux does not report.
 import math
 import os
 import platform
-import re
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -24,18 +23,6 @@ _X86 = "avx2 fma f16c avx512f avx512bw avx512_vnni avx_vnni amx_tile amx_int8"
 _ARM = "asimd asimddp i8mm sve sve2 bf16"  # asimddp is the dot product
 _FLAGS = f"{_X86} {_ARM}".split()
 """Flags that decide how fast int8 and float kernels are."""
-_PART = re.compile(r"^CPU implementer\s*:\s*(\w+)\n(?:.+\n)*?CPU part\s*:\s*(\w+)", re.MULTILINE)
-_CORTEX = {
-    "d03": "A53",
-    "d05": "A55",
-    "d07": "A57",
-    "d08": "A72",
-    "d09": "A73",
-    "d0b": "A76",
-    "d41": "A78",
-    "d42": "A78AE",
-}
-"""Cores of boards by their part, of implementer 0x41."""
 _PACKAGES = ("numpy", "numba", "onnxruntime", "opencv-python-headless")
 _PROC = Path("/proc")
 _SYS = Path("/sys")
@@ -50,20 +37,18 @@ _GUEST = 8
 def environment(cores: Sequence[int]) -> Facts:
     """CPU, its flags, governor of the cores, memory, versions and load, ready for JSON."""
     architecture = platform.machine()
-    text = text_of(_PROC / "cpuinfo")
     info: dict[str, str] = {}
-    for line in text.splitlines():  # the first core, and the board behind all of them
+    for line in text_of(
+        _PROC / "cpuinfo"
+    ).splitlines():  # the first core, and the board behind all of them
         key, _, value = line.partition(":")
         if value.strip():
             info.setdefault(key.strip(), value.strip())
     flags = info.get("flags", info.get("Features", "")).split()
 
-    # what the processor is called: x86 says so, boards and ARM's cores in other words
-    model = text_of(_PROC / "device-tree" / "model").rstrip("\0")
-    board = info.get("Model") or model or info.get("Hardware", "")
-    parts = dict.fromkeys(_core_name(*each) for each in _PART.findall(text))
-    names = [name for name in (board, " + ".join(parts)) if name]
-    cpu = ", ".join(names) or info.get("model name") or architecture
+    # what the processor is called: x86 says so, of a board its own name says more
+    board = info.get("Model") or text_of(_PROC / "device-tree" / "model").rstrip("\0")
+    cpu = board or info.get("Hardware") or info.get("model name") or architecture
 
     clocks = [*Sensors(cores, _SYS).limits[CLOCKS].values()]
     if not clocks and "cpu MHz" in info:
@@ -87,11 +72,6 @@ def environment(cores: Sequence[int]) -> Facts:
         "packages": {"nnpp-edge": __version__} | {name: _version(name) for name in _PACKAGES},
         "load_average": [round(each, 2) for each in os.getloadavg()],
     }
-
-
-def _core_name(implementer: str, part: str) -> str:
-    cortex = _CORTEX.get(part[2:]) if implementer == "0x41" else None
-    return f"Cortex-{cortex}" if cortex else f"ARM {implementer} {part}"
 
 
 def _version(package: str) -> str | None:
@@ -177,10 +157,6 @@ class Disturbance:
         if math.isnan(busy) or not elapsed:
             return None
         return min(max((busy - own) / (elapsed * len(self._cores)), 0.0), 1.0)
-
-    def share(self) -> float:
-        """The greater of both shares: of waiting, and of others on the cores."""
-        return max(self.waited_share(), self.others_share() or 0.0)
 
     def _clocks(self) -> np.ndarray:
         """Seconds on the wall, of this thread, of this process, and that the cores worked."""

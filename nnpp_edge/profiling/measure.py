@@ -23,8 +23,8 @@ from nnpp_edge.profiling.sensors import Sensors
 from nnpp_edge.profiling.suites import (
     SYNTHETIC,
     Case,
-    TerrainFiles,
     check_sizes,
+    dems_of,
     solvable,
     source_of,
     terrain_cases,
@@ -73,7 +73,7 @@ class ProfileMaps:
         for name in load.terrain:
             if name != SYNTHETIC:
                 paths = () if name == SAMPLE else (Path(name),)
-                self.dems += TerrainFiles.or_sample(paths, load.rescale, load.cell_size).read()
+                self.dems += dems_of(paths, load.rescale, load.cell_size)
         if self.dems:
             largest = max(self.dems, key=lambda dem: min(dem.shape))
             check_sizes([largest], [min(load.sizes)])

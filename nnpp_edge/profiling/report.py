@@ -9,23 +9,15 @@ from nnpp_edge import __version__
 from nnpp_edge.profiling.arrivals import prior_ms
 from nnpp_edge.profiling.contest import Harness
 from nnpp_edge.profiling.figures import break_even, loop_rows, results
-from nnpp_edge.profiling.judge import (
-    MOST_DISTURBED,
-    Noise,
-    WholeRun,
-    answers,
-    judged,
-    summary,
-    verdict,
-)
-from nnpp_edge.profiling.machine import Disturbance, environment, pinned
+from nnpp_edge.profiling.judge import WholeRun, answers, judged, noise_of, summary, verdict
+from nnpp_edge.profiling.machine import environment, pinned
 from nnpp_edge.profiling.measure import ProfileMaps, rivals_of, run
 from nnpp_edge.profiling.processes import peak_memory_mb, start_up
 from nnpp_edge.profiling.profile_file import LOOP, SYNTHETIC, Profile
 from nnpp_edge.profiling.quantities import STARTS
 from nnpp_edge.profiling.rivals import RivalPlanner
 from nnpp_edge.profiling.rows import Facts
-from nnpp_edge.profiling.sensors import Sensors, Throttling
+from nnpp_edge.profiling.sensors import Sensors
 from nnpp_edge.profiling.suites import solvable
 from nnpp_edge.progress import Progress, ignore
 from nnpp_edge.runtime.options import STILL
@@ -68,14 +60,14 @@ def profile_machine(
         made = {row["size"] for row in rows if row["terrain"] == SYNTHETIC}
         for size in sorted(made):
             said.append(f"no terrain has {size} × {size} cells: synthetic ground in its place")
-    noise = _noise(measured.disturbance, sensors.throttling())
-    lines = judged(profile, rows, whole_run, noise, loop)
-    of_points = [row for row in rows if body_rocks(row["workload"]) is None]
-    ending = verdict(lines, noise)
     halves = []
     for half in measured.disturbance:
         shares = {"waited_share": half.waited_share(), "others_share": half.others_share()}
         halves.append(shares | {"measured_s": half.elapsed_s})
+    noise = noise_of(halves, sensors.throttling())
+    lines = judged(profile, rows, whole_run, noise, loop)
+    of_points = [row for row in rows if body_rocks(row["workload"]) is None]
+    ending = verdict(lines, noise)
     return {
         "schema": SCHEMA,
         "version": __version__,
@@ -129,22 +121,3 @@ def _whole_run(
         for key, figure in start_up(method, loop=name == LOOP, cold=cold).items():
             found.setdefault(key, {})[name] = figure
     return found
-
-
-def _noise(halves: Sequence[Disturbance], slowed: Throttling) -> Noise:
-    """Time of others in the half in which they took most, in words; no words where that
-    is allowed.
-    """
-    worst = max(halves, key=Disturbance.share)
-    others = worst.others_share() or 0.0
-    waited = worst.waited_share()
-    shares = {
-        f"others took {100 * others:.0f} % of the cores' time": others,
-        f"the planners stood still for {100 * waited:.0f} % of theirs": waited,
-    }
-    signs = [words for words, share in shares.items() if share > MOST_DISTURBED]
-    words = ""
-    if signs:
-        which = "first" if worst is halves[0] else "second"
-        words = f"{' and '.join(signs)} in the {which} half of the run"
-    return Noise(words, worst.share(), slowed)

@@ -63,34 +63,19 @@ class Case:
         return lambda query: planner.plan(*query, method=Method.CORRIDOR).ok
 
 
-@dataclass(frozen=True)
-class TerrainFiles:
-    """Elevation files, and how they are read."""
+def dems_of(
+    paths: Sequence[Path], rescale: float | None = None, cell_size: float | None = None
+) -> list[Dem]:
+    """Terrain of elevation files; without any, of the sample that travels with the package.
 
-    paths: tuple[Path, ...]
-    rescale: float | None = None
-    """Side of a cell in metres that the terrain is rescaled to, its slopes kept."""
-    cell_size: float | None = None
-    """Side of a cell in metres, where the files do not say."""
-
-    @classmethod
-    def or_sample(
-        cls,
-        paths: Sequence[Path],
-        rescale: float | None = None,
-        cell_size: float | None = None,
-    ) -> "TerrainFiles":
-        """These files; without any, the sample that travels with the package, at cells of 20 m by
-        default.
-        """
-        if paths:
-            return cls(tuple(paths), rescale, cell_size)
-        return cls((sample_path("moon_highlands"),), rescale or SYNTHETIC_CELL_M, None)
-
-    def read(self) -> list[Dem]:
-        """Every file's terrain; TerrainError if one cannot be read."""
-        dems = [read_dem(path, self.cell_size) for path in self.paths]
-        return dems if self.rescale is None else [dem.rescaled(self.rescale) for dem in dems]
+    With `rescale` cells get this side in metres, the slopes kept; those of the sample are else of
+    20 m. `cell_size` is the side where the files do not say. TerrainError if one cannot be read.
+    """
+    if not paths:
+        sample = read_dem(sample_path("moon_highlands"))
+        return [sample.rescaled(rescale or SYNTHETIC_CELL_M)]
+    dems = [read_dem(path, cell_size) for path in paths]
+    return dems if rescale is None else [dem.rescaled(rescale) for dem in dems]
 
 
 def check_sizes(dems: Sequence[Dem], sizes: Sequence[int]) -> None:

@@ -101,13 +101,6 @@ class Experiment:
     totals: bool = False
     """Whether the table has sums in place of means."""
 
-    def asked(self, *, quick: bool, queries: int | None) -> dict[str, object]:
-        """All settings of a run, with the number of `queries` where it has one."""
-        found = {**self.settings, **(self.quick if quick else {})}
-        if queries is not None and "queries" in found:
-            found["queries"] = queries
-        return found
-
     def beside(self, rows: Rows) -> Rows:
         """The measured rows after the paper's of the same sizes."""
         sizes = {row.get("size") for row in rows}

@@ -1,5 +1,4 @@
-"""Running experiments into a folder: each is written whole or not at all, and not run again without
-need.
+"""Running experiments into a folder: each is written whole or not at all.
 
 The folder's page says what agrees with the paper.
 """
@@ -16,7 +15,6 @@ from nnpp_edge import __version__
 from nnpp_edge.files import make_folder, write_all, write_whole
 from nnpp_edge.profiling.machine import environment
 from nnpp_edge.profiling.rows import Rows
-from nnpp_edge.profiling.suites import TerrainFiles
 from nnpp_edge.progress import MISSING, THOUSANDTHS, bar, markdown_table
 from nnpp_edge.reproduction import dynamic, exact, looks, static
 from nnpp_edge.reproduction.drawing import maps
@@ -27,6 +25,7 @@ from nnpp_edge.reproduction.table import summary
 from nnpp_edge.runtime.exercises import exercise
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.model_file import read_model_file
+from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.viz.figures import encoded
 
 FORMAT = "nnpp-edge-reproduction-3"
@@ -87,35 +86,30 @@ class Stored(msgspec.Struct):
 
 def reproduce(
     names: Sequence[str],
-    terrain: TerrainFiles,
+    dems: Sequence[Dem],
     output: Path,
     *,
     models: tuple[str, str] = ("paper", "edge"),
     seed: int = 1,
     quick: bool = False,
-    queries: int | None = None,
-    again: bool = False,
-) -> Iterator[tuple[Stored, bool]]:
-    """Run experiments, one at a time: what is stored of each, and whether it was run now rather
-    than complete already.
+) -> Iterator[Stored]:
+    """Run experiments, one at a time: what is stored of each.
 
-    The `names` are of `EXPERIMENTS`, the `models` networks of the paper's method and of ours,
-    `queries` the number of timed ones in place of the settings' own; what is complete is run
-    `again` only if that is asked for. The folder's page is brought up to date after each.
+    The `names` are of `EXPERIMENTS`, the `models` networks of the paper's method and of ours. The
+    folder's page is brought up to date after each, with what earlier runs have left there.
 
     InvalidQueryError if the terrain is too small for one; TerrainError, ModelError or OutputError
     where a file is at fault.
     """
-    dems = terrain.read()
     networks = NetworkPair(*map(NetworkModel, models))
     grounds = []
-    for path, dem in zip(terrain.paths, dems, strict=True):
-        digest = sha256(path.read_bytes()).hexdigest()[:12]
-        grounds.append(f"`{path.name}` (cells of {dem.cell_size_m:g} m, SHA-256 {digest}…)")
+    for dem in dems:
+        digest = sha256(dem.source.read_bytes()).hexdigest()[:12]
+        grounds.append(f"`{dem.source.name}` (cells of {dem.cell_size_m:g} m, SHA-256 {digest}…)")
     make_folder(output)
     for name in names:
         experiment = EXPERIMENTS[name]
-        settings = experiment.asked(quick=quick, queries=queries)
+        settings = {**experiment.settings, **(experiment.quick if quick else {})}
         used = _networks_used(models, experiment.networks)
         made_with = {
             "made by": f"nnpp-edge {__version__}, seed {seed}" + ", `--quick`" * quick,
@@ -124,10 +118,6 @@ def reproduce(
             "controls": "corridor, straight band, shuffled weights" if used else "none",
             "samples": ", ".join(f"{setting} {value}" for setting, value in settings.items()),
         }
-        stored = read_experiment(output / name)
-        if stored is not None and stored.made_with == made_with and not again:
-            yield stored, False
-            continue
         machine = _machine()
         exercise()  # no kernel is compiled or loaded while the clock runs
         with bar(name, THOUSANDTHS, quiet=True) as advance:
@@ -147,7 +137,7 @@ def reproduce(
             made_with,
             list(experiment.findings(rows)),
             context.notes,
-            summary(everything, experiment.by, networks, totals=totals),
+            summary(everything, experiment.by, totals=totals),
         )
         draw = experiment.picture
         picture = draw(everything) if draw else maps(context.scenes)
@@ -163,8 +153,7 @@ def reproduce(
             }
         )
         _write_page(output)
-        yield facts, True
-    _write_page(output)
+        yield facts
 
 
 def _networks_used(models: Sequence[str], roles: Sequence[str]) -> str:
@@ -185,16 +174,13 @@ def _machine() -> str:
 
 
 def read_experiment(folder: Path) -> Stored | None:
-    """Content of NAME.json in a finished experiment's folder; None where it is missing or not
-    whole.
-    """
-    place = folder / folder.name
+    """Content of NAME.json in an experiment's folder; None where there is none of this format."""
     try:
-        stored = msgspec.json.decode(place.with_suffix(".json").read_bytes(), type=Stored)
+        content = (folder / folder.name).with_suffix(".json").read_bytes()
+        stored = msgspec.json.decode(content, type=Stored)
     except (OSError, msgspec.DecodeError):
         return None
-    whole = place.with_suffix(".csv").is_file() and place.with_suffix(".png").is_file()
-    return stored if whole and stored.format == FORMAT else None
+    return stored if stored.format == FORMAT else None
 
 
 def _write_page(output: Path) -> None:

@@ -9,8 +9,8 @@ import numpy as np
 from nnpp_edge.profiling.rows import Rows
 from nnpp_edge.progress import MISSING, markdown_table, shown
 from nnpp_edge.reproduction import paper
-from nnpp_edge.reproduction.planners import CONTROLS_OF, PLAIN, PLAIN_NN
-from nnpp_edge.reproduction.regions import NETWORK, SHUFFLED, NetworkPair
+from nnpp_edge.reproduction.planners import CONTROLS_OF, PLAIN
+from nnpp_edge.reproduction.regions import NETWORK
 
 
 class TableLine(NamedTuple):
@@ -22,10 +22,9 @@ class TableLine(NamedTuple):
     """Of all queries."""
     astar: Rows
     """Of the A* of the same origin, of the queries that count."""
-    network: str
 
 
-def summary(rows: Rows, by: Sequence[str], networks: NetworkPair, *, totals: bool = False) -> str:
+def summary(rows: Rows, by: Sequence[str], *, totals: bool = False) -> str:
     r"""A table for people: a line for each group by these names, a column for each figure that the
     rows have.
 
@@ -38,7 +37,7 @@ def summary(rows: Rows, by: Sequence[str], networks: NetworkPair, *, totals: boo
     counted = everything.answered() if totals else everything
     measured = {name for row in counted for name in row}
     if "planner" not in by:
-        measured -= {"planner", "time_s"}
+        measured.discard("time_s")
     columns = {}
     for head, (name, form) in MEANS.items():
         if totals:
@@ -51,7 +50,7 @@ def summary(rows: Rows, by: Sequence[str], networks: NetworkPair, *, totals: boo
         every = everything.of(**place)
         planner = place.get("planner", "")
         astar = counted.of(**place | {"planner": _astar_beside(planner)})
-        line = TableLine(group, every, astar, network_of(planner, networks))
+        line = TableLine(group, every, astar)
         names = [written(name, value) for name, value in place.items()]
         lines.append([*names, *(_text(line, *column) for column in columns.values())])
     return markdown_table([*by, *columns], lines)
@@ -63,19 +62,6 @@ def written(name: str, value: object) -> str:
         is_kind = value == NETWORK or value in CONTROLS_OF[NETWORK]
         return str(value) if is_kind or " " in str(value) else f"`{value}`"
     return {"size": "{}²", "plan": "T + {}Δt"}.get(name, "{}").format(value)
-
-
-def network_of(planner: str, networks: NetworkPair) -> str:
-    """The network that a planner runs."""
-    if planner in (paper.ASTAR_NN, paper.DSTAR_NN):
-        return "the paper's"
-    if planner in ("nnpp", "nnpp-dstar"):
-        return f"`{networks.ours.metadata.name}`"
-    if planner in (PLAIN_NN, NETWORK):
-        return f"`{networks.paper.metadata.name}`"
-    if SHUFFLED in planner:
-        return f"`{networks.paper.metadata.name}`, shuffled"
-    return MISSING
 
 
 def _astar_beside(planner: str) -> str:
@@ -102,7 +88,6 @@ def _failed(line: TableLine) -> str:
 Form = str | Callable[[TableLine], str]
 """How a figure is written: its mean as `shown` does, or as a time (``s``), or by a function."""
 MEANS: dict[str, tuple[str, Form]] = {
-    "network": ("planner", lambda line: line.network),
     "AT": ("time_s", "s"),
     "over A*": (
         "time_s",

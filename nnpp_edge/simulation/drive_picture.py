@@ -10,8 +10,8 @@ from nnpp_edge.runtime.arrays import Float2D, Floats
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.messages import PathMessage
 from nnpp_edge.runtime.map.along import Line
-from nnpp_edge.simulation.robots import SimulatedRobot
-from nnpp_edge.simulation.scene import Scene, SurveyedGround
+from nnpp_edge.simulation.ground import SurveyedGround
+from nnpp_edge.simulation.scene import Scene
 from nnpp_edge.simulation.simulate import DriveOutcome
 from nnpp_edge.terrain.obstacles import covered
 from nnpp_edge.viz.palette import BODY, DRIVEN, GOAL, INK, OPTIMUM, PAPER, PATH, SEEN, START
@@ -61,7 +61,7 @@ def drive_picture(ground: SurveyedGround, drive: DriveOutcome) -> Picture:
         drive.start,
         drive.goal,
         lines=lines,
-        outlines=_bodies(ground.robot, drive.driven),
+        outlines=_bodies(ground, drive.driven),
         part=chart.around(np.concatenate((*ways, np.array([drive.goal])))),
         facts=facts,
     )
@@ -69,7 +69,7 @@ def drive_picture(ground: SurveyedGround, drive: DriveOutcome) -> Picture:
 
 def _chart(ground: SurveyedGround, cost: Float2D) -> Chart:
     """The ground to draw on."""
-    return Chart(cost, ground.heights, ground.robot.sides_m, ground.north_deg)
+    return Chart(cost, ground.heights, ground.ground.sides_m, ground.north_deg)
 
 
 class Film:
@@ -113,8 +113,7 @@ def _frame(scene: Scene, message: PathMessage) -> Picture:
     """The map as the loop has it, which to a body is no higher inside an obstacle than at its
     rim: that is shut as a whole.
     """
-    robot = scene.ground.robot
-    told = robot.costs(scene.told)
+    told = scene.ground.costs_on(scene.told)
     told = covered(told, (0, 0, *told.shape), scene.obstacles.blocks, np.inf)
     chart = _chart(scene.ground, told)
 
@@ -133,17 +132,18 @@ def _frame(scene: Scene, message: PathMessage) -> Picture:
         scene.robot,
         scene.goal,
         lines=lines,
-        outlines=_bodies(robot, message.path, message.headings_deg),
+        outlines=_bodies(scene.ground, message.path, message.headings_deg),
         begin="robot",
         least=_FRAME_PIXELS,
     )
 
 
-def _bodies(robot: SimulatedRobot, path: Line, headings_deg: Line | None = None) -> list[Floats]:
+def _bodies(ground: SurveyedGround, path: Line, headings_deg: Line | None = None) -> list[Floats]:
     """As `body_outlines`; none of a point."""
-    if robot.vehicle is None:
+    vehicle = ground.ground.vehicle
+    if vehicle is None:
         return []
-    return body_outlines(path, robot.vehicle, robot.sides_m, headings_deg)
+    return body_outlines(path, vehicle, ground.ground.sides_m, headings_deg)
 
 
 def _palette(picture: Picture) -> "Image":

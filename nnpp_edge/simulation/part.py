@@ -8,8 +8,7 @@ import numpy as np
 from nnpp_edge.runtime import Ground, Vehicle
 from nnpp_edge.runtime.cells import Endpoints, Rectangle, slices
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.simulation.robots import reach_of
-from nnpp_edge.simulation.scene import SurveyedGround
+from nnpp_edge.simulation.ground import SurveyedGround, reach_of
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.rocks import with_rocks
 

@@ -2,94 +2,19 @@
 obstacles.
 """
 
-import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import dataclass, field
 
-import cv2
 import numpy as np
 
-from nnpp_edge.runtime import Goal, Ground, MapPatch, PathMessage, Pose
-from nnpp_edge.runtime.arrays import Cells, Float2D, Floats
+from nnpp_edge.runtime import Goal, MapPatch, PathMessage, Pose
+from nnpp_edge.runtime.arrays import Cells, Float2D
 from nnpp_edge.runtime.cells import Cell, Rectangle, slices, widened
-from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
+from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.messages import Input
 from nnpp_edge.runtime.options import StepOptions
-from nnpp_edge.runtime.robots.body.arcs import Arc, Drive, PoseOf, drive_along
-from nnpp_edge.runtime.terrain.vehicle import Vehicle
-from nnpp_edge.simulation.robots import SimulatedRobot
+from nnpp_edge.simulation.ground import SurveyedGround
 from nnpp_edge.terrain.obstacles import CLEAR, Obstacles
-
-_CORRECTS_WITHIN = 0.5
-"""Turning radii over which it steers back to the path: critically damped."""
-
-
-@dataclass(frozen=True, eq=False)
-class SurveyedGround:
-    """A terrain as it is, with the robot on it, and as a coarse survey has it."""
-
-    ground: Ground
-    """As it is."""
-    surveyed: Float2D
-    """(H, W) of heights that are blurred, or lack the rocks; of the kind that the ground holds."""
-    known: Ground | None = None
-    """As means of blocks have it, known in place of a survey."""
-    heights: Float2D | None = None
-    """(H, W) true heights, for pictures."""
-    north_deg: float | None = None
-    """As `Place.north_deg`."""
-    origin: Cell = (0, 0)
-    """Cell of the file that is the first of this part of it; errors name the file's cells."""
-
-    @classmethod
-    def of(cls, ground: Ground, block: int, bare: Float2D | None = None) -> "SurveyedGround":
-        """Of a ground; the survey has its heights blurred by a Gaussian of half a `block` of cells
-        (1 knows all).
-
-        Of ground with rocks the survey has the `bare` heights. To a body, the edge of what it has
-        seen of ground that was much blurred is a step, and may shut it in. Points and discs whose
-        steps do not cost by the slope drive by costs. InvalidQueryError where no cell's height is
-        known; InvalidMapError for a disc whose steps cost by the slope.
-        """
-        assert ground.elevation is not None
-        bare = ground.elevation if bare is None else bare
-        surveyed = bare.copy() if block <= 1 else _blurred(bare, block / 2.0)
-        if not ground.by_costs:
-            if ground.vehicle and not ground.body:
-                raise InvalidMapError(
-                    "a disc drives by costs here: wanted step_cost='paper', or no vehicle"
-                )
-            return cls(ground, surveyed, heights=ground.elevation)
-        costs = replace(ground, elevation=surveyed).costs()
-        return cls(ground.priced(ground.costs()), costs, heights=ground.elevation)
-
-    @classmethod
-    def of_known(cls, ground: Ground, factor: int, prior: str) -> "SurveyedGround":
-        """Of heights whose sides the factor divides, of which the robot knows the means
-        of blocks.
-        """
-        unseen = np.full(ground.shape, np.nan, np.float32)
-        return cls(ground, unseen, ground.by_blocks(factor, prior), ground.elevation)
-
-    @cached_property
-    def robot(self) -> SimulatedRobot:
-        """The robot that drives on it."""
-        return SimulatedRobot(self.ground, self.known)
-
-    @property
-    def true(self) -> Float2D:
-        """(H, W) costs or heights, whichever the robot goes by."""
-        heights = self.ground.elevation
-        return self.ground.costs() if heights is None else heights
-
-    def in_file(self, cell: Cell) -> Cell:
-        """The file's cell."""
-        return cell[0] + self.origin[0], cell[1] + self.origin[1]
-
-    def costs(self) -> Float2D:
-        """(H, W) true traversability costs; impassable from 1 up."""
-        return self.robot.costs(self.true)
 
 
 @dataclass(frozen=True)
@@ -116,8 +41,6 @@ class SimulationSettings:
     """Whether the robot drives on to another goal where it has reached one, or cannot, until the
     ticks are over.
     """
-    steering_noise_deg: float = 0.0
-    """Standard deviation of the steering angle of a body that drives arcs."""
     steps: StepOptions = field(default_factory=StepOptions)
     """Of the loop's planner, and of the one that knows all."""
 
@@ -131,10 +54,6 @@ class Scene:
     `sight` to each side beyond those under its body, at least 1. Obstacles, which `rng` draws, are
     told at once, wherever they are. InvalidQueryError where start or goal, around which the true
     costs are known from the beginning, is outside the map or truly impassable.
-
-    With `steering_noise_deg` a body that drives arcs follows them as a kinematic vehicle and comes
-    off them; the loop is told its true pose. It drives on as far as it may truly stand.
-    InvalidQueryError for any other robot.
     """
 
     def __init__(
@@ -145,28 +64,23 @@ class Scene:
         rng: np.random.Generator,
         settings: SimulationSettings,
     ) -> None:
-        robot = ground.robot
         rows, cols = ground.true.shape
         for name, (row, col) in (("start", start), ("goal", goal)):
             if not (0 <= row < rows and 0 <= col < cols):
                 raise InvalidQueryError(
                     f"{name} {(row, col)} lies outside the map of {rows} × {cols} cells"
                 )
-            if not robot.stands(ground.true, (row, col)):
+            if not ground.stands(ground.true, (row, col)):
                 raise InvalidQueryError(f"{name} {ground.in_file((row, col))} is impassable")
-        body = robot.vehicle
-        if settings.steering_noise_deg and (body is None or body.turning_radius_m is None):
-            raise InvalidQueryError("noise in steering wants a vehicle with a turning_radius_m")
 
         # the world
         self.ground = ground
         self.robot = start
         self.goal = goal
         self._settings = settings
-        self._rng = rng
-        self._sight = settings.sight + robot.reach
+        self._sight = settings.sight + ground.reach
         self.obstacles = Obstacles(
-            (rows, cols), rng, value=robot.obstacle(ground.true), clear=max(CLEAR, robot.reach)
+            (rows, cols), rng, value=ground.obstacle(ground.true), clear=max(CLEAR, ground.reach)
         )
         self.now = ground.true.copy()
         """(H, W) the ground with the obstacles that are there."""
@@ -186,16 +100,11 @@ class Scene:
         self.path = np.empty((0, 2), np.int32)
         """The newest that was published; of a body that drives arcs (N, 3), with its states."""
         self._headings = np.empty(0)
-        self.driven: list[tuple[float, ...]] = [start]
+        self.driven: list[tuple[int, ...]] = [start]
         """Cells that the robot walked over, each next to the one before; with its states where
-        it drives arcs. With noise in steering places (row, col)."""
-        self.driven_cost = 0.0
-        """Of the way driven with noise in steering, each piece by the pose at its end."""
+        it drives arcs."""
         self.heading_deg: float | None = None
         """Of a body, once it has begun to drive."""
-        self._pose: PoseOf | None = None
-        """There, too."""
-        self._gear = 1
         self.polls = 0
         self.waited = 0
         self.forbidden = 0
@@ -209,8 +118,7 @@ class Scene:
     def poll(self) -> Iterator[Input]:
         """Move on, and give the messages until the next tick; each counts as told once taken."""
         if self.polls:
-            move = self._steer if self._settings.steering_noise_deg else self._walk
-            move()
+            self._walk()
         self.polls += 1
         orders = self._orders
         self._orders = []
@@ -220,7 +128,7 @@ class Scene:
             changed += self.obstacles.one_event(self.robot, self.goal, self.path[:, :2])
         self.seen = self._see(self.robot)
         yield from self._patches([*changed, self.seen])
-        row, col = self.driven[-1][:2]
+        row, col = self.robot
         yield Pose(row + 0.5, col + 0.5, heading_deg=self.heading_deg)
 
     def send_to(self, goal: Cell) -> None:
@@ -230,7 +138,6 @@ class Scene:
         self.goal = goal
         self.path = self.path[:0]
         self.driven = self.driven[-1:]
-        self.driven_cost = 0.0
         self._orders = [Goal(*goal), *self._patches(self.obstacles.clear_of(goal))]
 
     def _patches(self, parts: Iterable[Rectangle]) -> Iterator[MapPatch]:
@@ -239,7 +146,7 @@ class Scene:
             at = slices(part)
             self.now[at] = self.obstacles.cover(self.ground.true, part)
             self.told[at] = self.obstacles.cover(self.known, part)
-            yield self.ground.robot.patch(part[0], part[1], self.told[at])
+            yield self.ground.patch(part[0], part[1], self.told[at])
 
     def heard(self, message: PathMessage) -> None:
         """Take the loop's answer, which is checked by the definition of a path that can
@@ -247,7 +154,7 @@ class Scene:
         """
         self.path = message.walked
         self._headings = message.headings_deg
-        if message.ok and not walkable(self.ground.robot, self.path, self.told, message.goal):
+        if message.ok and not walkable(self.ground, self.path, self.told, message.goal):
             self.forbidden += 1
 
     def _walk(self) -> None:
@@ -258,49 +165,16 @@ class Scene:
             return
         first = int(at[0])
         ahead = self.path[first : first + 1 + self._settings.speed]
-        count = self.ground.robot.steps(self.now, ahead) if len(ahead) > 1 else 0
+        count = self.ground.steps(self.now, ahead) if len(ahead) > 1 else 0
         if count and len(self.driven[-1]) < ahead.shape[1]:
             self.driven[-1] = tuple(ahead[0].tolist())
         self.driven += map(tuple, ahead[1 : 1 + count].tolist())
         self.robot = tuple(ahead[count, :2].tolist())
         if ahead.shape[1] == 3:
             self.heading_deg = float(self._headings[first + count])
-        elif self.ground.robot.body and count:  # as it came here
+        elif self.ground.ground.body and count:  # as it came here
             self.heading_deg = float(self._headings[first + count - 1])
         self.waited += not count
-
-    def _steer(self) -> None:
-        """Drive along the path by `speed` of its steps, while it may truly stand."""
-        robot = self.ground.robot
-        body = robot.vehicle
-        dy, dx = robot.sides_m
-        before = self._pose
-        if body is not None and len(self.path) > 1:
-            drive = drive_along(self.path[: 1 + self._settings.speed], body, (dy, dx))
-            first: PoseOf = self._pose or tuple(drive.poses[0].tolist())
-            arcs = list(followed(first, drive, body, self._settings.steering_noise_deg, self._rng))
-            ends = np.array([arc.at(1.0) for arc in arcs]).reshape(-1, 3)
-            places = ends[:, [1, 0, 2]] / (dy, dx, 1.0)
-            weights = robot.weights_at(self.now, places)
-            for arc, place, weight in zip(arcs, places.tolist(), weights.tolist(), strict=True):
-                if not math.isfinite(weight):
-                    break
-                self.driven_cost += self._price(arc, body, weight) / dy
-                self._gear = arc.gear or self._gear
-                self._pose = arc.at(1.0)
-                row, col, self.heading_deg = place
-                self.driven.append((row, col))
-                self.robot = math.floor(row + 0.5), math.floor(col + 0.5)
-        self.waited += self._pose is before
-
-    def _price(self, arc: Arc, body: Vehicle, weight: float) -> float:
-        """Cost of an arc in metres, with the change of gear or the turn on the spot."""
-        if not arc.gear:
-            return body.turn_m_per_rad * math.radians(abs(arc.turn_deg))
-        metres = arc.length_m * weight
-        if arc.gear < 0:
-            metres *= body.reverse_cost or 1.0
-        return metres + (body.gear_change_m if arc.gear * self._gear < 0 else 0.0)
 
     def _see(self, cell: Cell) -> Rectangle:
         """The robot's view from a cell, which it knows from now on."""
@@ -309,56 +183,7 @@ class Scene:
         return part
 
 
-def followed(
-    pose: PoseOf, drive: Drive, vehicle: Vehicle, noise_deg: float, rng: np.random.Generator
-) -> Iterator[Arc]:
-    """The arcs by which a vehicle follows a drive from where it stands, one for each of its poses
-    ahead.
-
-    It steers by the arc's curvature, and back to the path from where it is beside it, never sharper
-    than its turning radius. The angle is off by one normal error of so many degrees all along; a
-    turn on the spot ends as far off.
-    """
-    least = vehicle.turning_radius_m or math.inf
-    wheelbase = vehicle.stance_m[0]
-    within = _CORRECTS_WITHIN * least
-    error_deg = rng.normal(0.0, noise_deg)
-    steps = zip(drive.gears[1:].tolist(), drive.curvatures_per_m[1:], strict=True)
-    for n, (gear, curvature) in enumerate(steps):
-        if gear:
-            # the curvature that leads back to the path, as it is steered, and as far as it can be
-            _, aside, turned = _beside(pose, drive.poses[n])
-            wanted = curvature - aside / within**2 - 2.0 * gear * turned / within
-            steered = math.tan(math.atan(wanted * wheelbase) + math.radians(error_deg))
-            bend = float(np.clip(steered / wheelbase, -1.0 / least, 1.0 / least))
-            # until it has come as far ahead as the next pose
-            length = -gear * _beside(pose, drive.poses[n + 1])[0]
-            if length <= 0.0:
-                continue
-            if bend:
-                length = math.asin(min(abs(bend) * length, 1.0)) / abs(bend)
-            arc = Arc(gear, bend, length, pose, math.degrees(gear * bend * length))
-        else:
-            turned = _beside(pose, drive.poses[n + 1])[2]
-            arc = Arc(0, 0.0, 0.0, pose, error_deg - math.degrees(turned))
-        yield arc
-        pose = arc.at(1.0)
-
-
-def _beside(pose: PoseOf, place: Floats) -> tuple[float, float, float]:
-    """How far a pose lies ahead of another and to its left, in metres, and is turned to its left,
-    in rad.
-    """
-    x = pose[0] - place[0]
-    y = pose[1] - place[1]
-    heading = math.radians(place[2])
-    turned = math.radians((place[2] - pose[2] + 180.0) % 360.0 - 180.0)
-    ahead = x * math.sin(heading) - y * math.cos(heading)
-    left = -x * math.cos(heading) - y * math.sin(heading)
-    return ahead, left, turned
-
-
-def walkable(robot: SimulatedRobot, path: Cells, values: Float2D, goal: Cell | None) -> bool:
+def walkable(ground: SurveyedGround, path: Cells, values: Float2D, goal: Cell | None) -> bool:
     """Whether a path leads to the goal over a map, by steps or a body's legs, and the robot can
     take it.
     """
@@ -369,18 +194,8 @@ def walkable(robot: SimulatedRobot, path: Cells, values: Float2D, goal: Cell | N
         return False
     if path.shape[1] == 2:
         apart = np.abs(np.diff(cells, axis=0)).max(axis=1)
-        longest = 2 if robot.body else 1
+        longest = 2 if ground.ground.body else 1
         if ((apart < 1) | (apart > longest)).any():
             return False
     first = tuple(cells[0].tolist())
-    return robot.stands(values, first) and robot.steps(values, path) == len(path) - 1
-
-
-def _blurred(elevation: Float2D, sigma: float) -> Float2D:
-    """Heights blurred by a Gaussian of so many cells; InvalidQueryError if none is known."""
-    known = np.isfinite(elevation)
-    if not known.any():
-        raise InvalidQueryError("wanted an elevation map, got no cell with a known height")
-    filled = np.where(known, elevation, elevation[known].mean()).astype(np.float32)
-    blurred = cv2.GaussianBlur(filled, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
-    return np.where(known, blurred, np.nan).astype(np.float32)
+    return ground.stands(values, first) and ground.steps(values, path) == len(path) - 1

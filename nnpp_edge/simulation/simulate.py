@@ -25,11 +25,11 @@ from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.connections import Recorder
 from nnpp_edge.runtime.loop.timing import Histogram
-from nnpp_edge.runtime.map.along import Line
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.memory import rss_bytes
 from nnpp_edge.runtime.planners.plan import Plan
-from nnpp_edge.simulation.scene import Scene, SimulationSettings, SurveyedGround
+from nnpp_edge.simulation.ground import SurveyedGround
+from nnpp_edge.simulation.scene import Scene, SimulationSettings
 from nnpp_edge.terrain.facts import Fact, values_of
 from nnpp_edge.terrain.labels import random_query
 
@@ -62,8 +62,7 @@ class DriveOutcome:
     """Published paths that crossed a cell, or a pose of the vehicle, that the map forbade by
     then; checked apart from the loop. 0, or the loop is at fault."""
     driven_cost: float
-    """Of the cells that the robot walked over, by the true costs without obstacles; with noise
-    in steering of the way that it drove, piece by piece at the price of the pose at its end."""
+    """Of the cells that the robot walked over, by the true costs without obstacles."""
     optimal_cost: float
     """Of the best path that anyone could have walked, knowing all of the ground and meeting no
     obstacle.
@@ -76,8 +75,8 @@ class DriveOutcome:
     """
     planning_ms: dict[str, float]
     """``p50``, ``p90``, ``p99``, ``max``, ``mean`` of a tick's answer."""
-    driven: Line = field(repr=False)
-    """(N, 2) cells in the order walked; with noise in steering places."""
+    driven: Cells = field(repr=False)
+    """(N, 2) in the order walked."""
     optimal: Cells = field(repr=False)
 
     @property
@@ -92,11 +91,11 @@ class DriveOutcome:
     @property
     def facts(self) -> list[Fact]:
         """What is known of the way driven, for all outputs."""
-        steps = np.diff(np.rint(self.driven), axis=0)
+        moved = np.diff(self.driven, axis=0).any(axis=1)  # not where it turned on the spot
         excess = "" if self.excess is None else f": driven {100.0 * self.excess:+.1f} %"
         optimum = f"optimum: {{}} with all known and no obstacle{excess}"
         return [
-            Fact("cells", 1 + int(steps.any(1).sum()), "", "driven: {} cells"),
+            Fact("cells", 1 + int(moved.sum()), "", "driven: {} cells"),
             Fact("driven_cost", self.driven_cost, "", "driven: cost {}"),
             Fact("waited", self.waited, "", "driven: stood still {} times"),
             Fact("optimal_cost", self.optimal_cost, "", optimum),
@@ -221,20 +220,16 @@ class _Course:
     def drive(self, counters: Counters) -> DriveOutcome:
         """The drive so far, as it is told to users."""
         scene = self._scene
-        driven = np.array(scene.driven)
-        driven_cost = scene.driven_cost
-        if not self._settings.steering_noise_deg:
-            driven = driven.astype(np.int32)
-            driven_cost = self._planner.state.grid.costs_of(driven)[0]
+        driven = np.array(scene.driven, np.int32)
         return DriveOutcome(
             self._settings.method,
-            (round(driven[0, 0]), round(driven[0, 1])),
+            (int(driven[0, 0]), int(driven[0, 1])),
             scene.goal,
             scene.reached,
             counters,
             waited=scene.waited,
             forbidden=scene.forbidden,
-            driven_cost=driven_cost,
+            driven_cost=self._planner.state.grid.costs_of(driven)[0],
             optimal_cost=self._best.cost,
             goals=self._goals,
             memory_mb=self._memory_mb | {"end": 1e-6 * rss_bytes()},
@@ -267,7 +262,7 @@ def _navigator(scene: Scene, settings: SimulationSettings) -> Navigator:
     """A navigator on the robot's first map, in a process that has loaded all it needs."""
 
     def navigator() -> Navigator:
-        ground = scene.ground.robot.ground(scene.told)
+        ground = scene.ground.as_told(scene.told)
         return Navigator(ground, settings.method, model=settings.model, **settings.steps)
 
     first = navigator()

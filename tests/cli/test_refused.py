@@ -94,7 +94,7 @@ $SMALL --memory much                           | a size such as 2GB
 plan nothing.tif --memory 1kB --workload limit20 --start 1,1 --goal 2,2 | so is all around it
 plan bare.tif --memory 1kB --start 1,1 --goal 2,2 | no cell size in the file
 plan grid.asc --memory 1kB --start 1,1 --goal 2,2 | stored as text | gdal_translate
-run --map cost.npz --ticks 1 --vehicle small-rover | holds costs: --vehicle needs elevations
+run --map cost.npz --ticks 1 --vehicle small-rover | holds costs: limits, a vehicle
 run --map hills.npz --loop cores=x             | cores
 run --map hills.npz --loop speed=3             | speed is unknown: wanted one of rate_hz, method
 run --map hills.npz --output foo               | output must be stdout, zenoh[:ENDPOINT] or none, got 'foo'
@@ -135,7 +135,6 @@ simulate --seed -1                             | --seed
 simulate --map hills.npz --log pipe.npy        | it is no plain file
 reproduce table1 --quick --model nope          | 'nope'
 reproduce fig99 -o new                         | wanted EXPERIMENT of table1
-reproduce table2 --queries 0 -o new            | --queries
 reproduce --model edge --model edge --model edge -o new | at most two of --model
 reproduce fig12 --quick --terrain text.txt -o new | text.txt
 reproduce fig7 --quick --terrain hill.npz -o new | wanted terrain of at least 64 cells a side, got 60
@@ -150,16 +149,13 @@ $COST --workload body-rocks5                   | 'body-rocks5' | evaluate
 profile --profile quick --peers                | --peers
 profile --peers --start-up                     | --start-up does not go with --peers
 profile --peers --junit budgets.xml            | --junit does not go with --peers
-profile --profile quick --bmf x --junit x      | --junit and --bmf name the same file
 profile render none.json                       | none.json: wanted a report of nnpp-edge profile (no such file)
 profile render text.txt                        | text.txt: wanted a report of nnpp-edge profile
 profile render                                 | missing argument 'REPORT'
-profile --profile quick --json --markdown      | --json
 profile --queries 5 compare a.json b.json      | compare
 profile --profile slow                         | 'slow' | quick
 evaluate                                       | give either --terrain FILE or --synthetic
 evaluate text.txt --methods astar              | text.txt: wanted GeoTIFF
-$EVAL --json --markdown                        | give one of --json and --markdown
 $EVAL --methods best                           | --methods must be of auto, astar | got best
 $EVAL --methods astar --sizes 512              | at least 512 × 512 cells
 run --map text.txt --ticks 1                   | text.txt: wanted GeoTIFF

@@ -49,10 +49,7 @@ BASES = {
     "reproduce": ("table9 --quick -o out/paper",),
     "profile": ("--profile in/profile.toml", "--peers --sizes 16 --queries 1"),
     "profile compare": ("in/report.json in/another.json", "in/another.json in/report.json"),
-    "profile render": (
-        "in/report.json -o out/page.html",
-        "in/report.json --junit out/budgets.xml --bmf out/figures.json",
-    ),
+    "profile render": ("in/report.json -o out/page.html",),
     "simulate": (
         "--map in/dem.npz --size 16 --ticks 3 --method astar",
         "--map in/dem.npz --size 24 --ticks 3 --method corridor --log out/drive.mcap",

@@ -12,8 +12,8 @@ import yaml
 
 from nnpp_edge.cli.profile import command
 from nnpp_edge.cli.profile_text import report_text
-from nnpp_edge.profiling.ci_files import bmf, junit
 from nnpp_edge.profiling.judge import EXIT_CODES, measured, summary
+from nnpp_edge.profiling.junit import junit
 from tests.tables import cases
 
 ELEMENTS = {
@@ -138,32 +138,8 @@ def test_the_documented_jobs_give_options_that_there_are_and_upload_what_is_writ
     for recipe in (actions, gitlab):
         (words,) = re.findall(r"nnpp-edge profile ([^|\"\\]*)", recipe)
         given, *_ = command.make_parser(click.Context(command)).parse_args(words.split())
-        assert (given["junit"], given["bmf"]) == ("budgets.xml", "figures.json")
+        assert given["junit"] == "budgets.xml"
     job = recipes[1]["profile"]
     assert job["retry"] == {"max": 2, "exit_codes": EXIT_CODES["noisy"]}
     assert job["artifacts"]["reports"]["junit"] == "budgets.xml"
-    assert "report\\nbudgets.xml\\nfigures.json" in actions
-
-
-def test_figures_are_bencher_metric_format_in_the_units_of_budgets(report):
-    report["results"][0]["gap_max"] = float("nan")
-    found = json.loads(bmf(report))
-    # https://bencher.dev/bmf.json: objects in objects of numbers, of which `value` is required
-    for name, measures in found.items():
-        assert name and len(name) <= 1024 and measures
-        for measure, metric in measures.items():
-            assert 0 < len(measure) <= 64
-            assert {"value"} <= set(metric) <= {"value", "lower_value", "upper_value"}
-            assert all(type(number) in (int, float) for number in metric.values())
-            assert metric.get("lower_value", 0) <= metric["value"] <= metric.get("upper_value", 1e9)
-    assert [*found] == [
-        *("board/soft/256/astar", "board/soft/256/nnpp", "board/soft/256/loop"),
-        *("board/whole run/nnpp", "board/whole run/loop"),
-    ]
-    of_planner = found["board/soft/256/nnpp"]
-    assert of_planner["time_ms_median"] == {"value": 0.4, "lower_value": 0.4, "upper_value": 0.5}
-    assert of_planner["time_ms_p99"] == {"value": pytest.approx(1.2)}
-    assert of_planner["gap_mean"] == {"value": pytest.approx(0.4)}
-    assert found["board/soft/256/loop"]["reaction_ms"]["upper_value"] == 0.6
-    assert found["board/whole run/nnpp"]["peak_memory_mb"] == {"value": 150.0}
-    assert "gap_max" not in found["board/soft/256/astar"]
+    assert "report\\nbudgets.xml" in actions
