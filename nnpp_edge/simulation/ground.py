@@ -173,7 +173,7 @@ class SurveyedGround:
         if self.known is None:
             return map_state(replace(self._eased, elevation=values)).grid
         state = map_state(replace(self.known, vehicle=self._eased.vehicle))
-        state.update_elevation(0, 0, values, np.isfinite(values))
+        state.update(0, 0, values, np.isfinite(values), "heights")
         return state.grid
 
 
