@@ -1,11 +1,13 @@
-"""Charts of panels with matplotlib, and the page of a profile's report."""
+"""Pictures with matplotlib: the plots of a profile's page, and what all figures share."""
 
 import io
-from collections.abc import Callable, Sequence
+from base64 import b64encode
+from collections.abc import Callable, Iterator, Sequence
 from importlib.resources import files
 from typing import TYPE_CHECKING, NamedTuple
 
 from nnpp_edge.profiling.compare import machine_words
+from nnpp_edge.profiling.figures import stages_of
 from nnpp_edge.profiling.inference import int8_in_words
 from nnpp_edge.profiling.judge import IN_WORDS, measured, place, wanted
 from nnpp_edge.profiling.rows import Facts
@@ -18,6 +20,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _TEMPLATE = "profile.html.j2"
+_WIDE = 5.2
+"""Inches: narrow enough for words to be read where a telephone shrinks the picture."""
 
 
 class Curve(NamedTuple):
@@ -80,7 +84,7 @@ def chart(lines: Sequence[Sequence[Panel]], wide: float = 5.8) -> "Figure":
     return figure
 
 
-def encoded(figure: "Figure", dpi: int) -> bytes:
+def encoded(figure: "Figure", dpi: int = 110) -> bytes:
     """The figure as PNG."""
     content = io.BytesIO()
     figure.savefig(content, format="png", dpi=dpi)
@@ -88,8 +92,8 @@ def encoded(figure: "Figure", dpi: int) -> bytes:
 
 
 def page(report: Facts) -> str:
-    """A profile's report as one page of HTML that needs nothing else. MissingExtraError without
-    the extra `viz`.
+    """A profile's report as one page of HTML that needs nothing else: style and plots
+    stand in it. MissingExtraError without the extra `viz`.
     """
     jinja2 = optional_module("jinja2", "the page of a report", "viz")
     template = jinja2.Environment(
@@ -109,5 +113,48 @@ def page(report: Facts) -> str:
     template.filters |= filters
     template.globals |= {"words": IN_WORDS, "machine": machine_words(report)}
     text = (files("nnpp_edge.viz") / _TEMPLATE).read_text(encoding="utf-8")
-    page: str = template.from_string(text).render(report=report)
+    page: str = template.from_string(text).render(report=report, plots=list(_plots(report)))
     return page
+
+
+def _plots(report: Facts) -> Iterator[tuple[str, str, str]]:
+    """Title, a sentence on how to read it, and the PNG in base64, of each plot, of the first
+    workload; against the map's size only where there are several.
+    """
+    first = report["results"][0]["workload"]
+    rows = [row for row in report["results"] if row["workload"] == first]
+    by_size = f"On {first}: medians as lines, thin up to the slowest hundredth."
+    sizes = sorted({row["size"] for row in rows})
+    stages = [[_stages(rows, size)] for size in sizes]
+    drawn = [("Time by stage", f"Mean of a plan on {first}, whole job.", stages)]
+    if len(sizes) > 1:
+        drawn.append(("Time against map size", by_size, [[_by_size(rows)]]))
+    for title, words, panels in drawn:
+        yield title, words, b64encode(encoded(chart(panels, _WIDE), dpi=200)).decode()
+
+
+def _stages(rows: Sequence[Facts], size: int) -> Panel:
+    """The stages of each planner's mean time, one after another."""
+    curves = []
+    for row in reversed(rows):
+        left = 0.0
+        for at, stage in enumerate(stages_of(rows)):
+            spread = row["stages_ms"].get(stage)
+            if row["size"] == size and spread:
+                ends = [left, left + spread["mean"]]
+                curves.append(Curve(ends, [row["planner"]] * 2, "-", stage, f"C{at}", 10.0))
+                left = ends[1]
+    return Panel(f"{size}²", curves, "ms")
+
+
+def _by_size(rows: Sequence[Facts]) -> Panel:
+    """Each planner's median time against the side of the map, and up to its slowest hundredth."""
+    curves = []
+    for at, name in enumerate(dict.fromkeys(row["planner"] for row in rows)):
+        own = [row for row in rows if row["planner"] == name]
+        medians = [row["time_ms"]["median"] for row in own]
+        curves.append(Curve([row["size"] for row in own], medians, "o-", name, f"C{at}", 2.0))
+        for row in own:
+            times = [row["time_ms"]["median"], row["time_ms"]["p99"]]
+            curves.append(Curve([row["size"]] * 2, times, "-", "", f"C{at}", 0.8))
+    return Panel("", curves, "side of the map, cells", "median time of a query, ms", "xy")

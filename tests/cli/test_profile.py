@@ -111,6 +111,7 @@ def test_a_report_in_every_form(run, profile):
     assert Path("out/board-row.md").read_text() == board_table(told) + "\n"
     page = Path("out/report.html").read_text()
     assert "Tiny &amp; &lt;quick&gt;" in page and "Tiny & <quick>" not in page
+    assert page.count('src="data:image/png;base64,iVBORw0KGgo') == 1
     assert "<script" not in page and 'src="http' not in page and "@import" not in page
     assert not Path("out/.report.json").exists() and len(list(Path("out").iterdir())) == 4
     again = run("profile render out/report.json -o again/page.html")

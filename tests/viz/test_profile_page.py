@@ -33,3 +33,9 @@ def test_each_budget_has_its_figures_with_units_and_its_reason(report):
     assert "halves 2×, 2.1×" in of["faster than exact A*"][-1]
     assert of["mean &lt;gap&gt; | small"][-2:] == ["MISSED", ""]
     assert "missed: 3 kept, 1 missed, 1 noisy, 1 not measured" in text
+
+
+def test_a_plot_over_sizes_needs_several(report):
+    assert "Time against map size" not in page(report)
+    report["results"] += [row | {"size": 512} for row in report["results"]]
+    assert "Time against map size" in page(report)
