@@ -128,9 +128,10 @@ def read_dem(path: Path | str, cell_size_m: float | None = None) -> Dem:
     Parameters
     ----------
     path : Path or str
-        A raster of one band in one of `gdal_files.FORMATS`, whatever its name; a 2-D `.npy`; an
-        `.npz` with `elevation_m`, `elevation`, `dem` or a single 2-D array, and perhaps
-        `cell_size_m` (or `cell_m`), `cell_width_m` and `transform`, as of `Georeference`.
+        A raster of one band in one of `gdal_files.FORMATS`, whatever its name (for a PDS3 `.img`
+        with a `.lbl` beside it, the label is opened); a 2-D `.npy`; an `.npz` with `elevation_m`,
+        `elevation`, `dem` or a single 2-D array, and perhaps `cell_size_m` (or `cell_m`),
+        `cell_width_m` and `transform`, as of `Georeference`.
     cell_size_m : float, optional
         Side of a cell, north-south. Wins over the file's; the ratio of width to height is kept.
 
@@ -150,7 +151,7 @@ def read_dem(path: Path | str, cell_size_m: float | None = None) -> Dem:
     Notes
     -----
     Cells are as long as the ground under them (`coordinates.cell_on_ground`). An offset over
-    100 km is a body's radius (maps of the Moon): it is left out, so heights count from that
+    100 km is a body's radius (PDS3 labels of the Moon): it is left out, so heights count from that
     sphere and keep float32's precision.
     """
     path = Path(path)

@@ -10,8 +10,8 @@ from pathlib import Path
 
 from nnpp_edge.runtime.errors import TerrainError
 
-DRIVERS = ("GTiff", "AAIGrid", "SRTMHGT")
-FORMATS = "GeoTIFF, ESRI ASCII grid or SRTM .hgt"
+DRIVERS = ("GTiff", "AAIGrid", "PDS", "SRTMHGT", "EHdr", "HFA")
+FORMATS = "GeoTIFF, ESRI ASCII grid, PDS3, SRTM .hgt, ESRI .bil, Erdas .img"
 NO_NETWORK = {"CPL_VSIL_CURL_ALLOWED_FILENAME": "none"}
 """GDAL's options under which its file system knows no addresses."""
 
@@ -21,7 +21,7 @@ _HEAD_BYTES = 1 << 20
 """Of a file that are looked at; GDAL tells formats apart by less."""
 _TIFF_STARTS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _PLAIN_STARTS = (*_TIFF_STARTS, b"EHFA_HEADER_TAG")
-"""Of TIFF and BigTIFF, and of the Erdas files that hold statistics and overviews."""
+"""Of TIFF, BigTIFF and Erdas files."""
 _XML_FORMATS = re.compile(
     rb"<(VRTDataset|GDAL\w*Dataset|GDAL_W\w+|WCS_GDAL|MRF_META)",
     re.IGNORECASE,
@@ -29,23 +29,37 @@ _XML_FORMATS = re.compile(
 """GDAL looks for some of these anywhere in a file's head, whatever the file begins with."""
 _SIDECARS = (".msk", ".ovr", ".aux", ".rrd")
 """Masks, overviews and statistics: GDAL opens those beside a raster with any driver there is."""
+_LABEL_END = re.compile(rb"^\s*END\s*$", re.MULTILINE)
 
 
 def openable(path: Path) -> Path:
-    """The name for GDAL to open for an elevation map.
+    """The name for GDAL to open for an elevation map: of a PDS3 image with a detached label, that
+    of the label.
 
-    TerrainError where GDAL would open what is no plain raster: XML, or a sidecar that leads
-    elsewhere.
+    TerrainError where GDAL would open what is no plain raster: XML, or a label or a sidecar that
+    leads elsewhere.
     """
     if path.suffix.lower() in _RECORDINGS:
         hint = "`GridMap` of nnpp_edge.ros.maps makes an .npz of one (docs/how-to-maps.md)"
         raise TerrainError(f"{path}: wanted an elevation map, got a recording of messages; {hint}")
+    opened = path
+    if path.suffix.lower() == ".img":
+        labels = [path.with_suffix(ending) for ending in (".lbl", ".LBL")]
+        opened = next(filter(Path.is_file, labels), path)
     # GDAL takes names in a file as they stand where the file's own has no folder: `/vsicurl/…`, say
-    opened = path.absolute()
+    opened = opened.absolute()
+
     head = _head(opened)
     if head.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<"):
         hint = "; gdal_translate -of COG makes a GeoTIFF of a VRT" if b"<VRTDataset" in head else ""
         raise TerrainError(f"{path}: wanted {FORMATS}, got XML that names other files{hint}")
+    if b"PDS_VERSION_ID" in head:
+        end = _LABEL_END.search(head)
+        # GDAL opens a compressed file with any driver
+        if end is None or b"COMPRESSED_FILE" in head[: end.start()].upper():
+            raise TerrainError(
+                f"{path}: wanted a PDS3 label of at most 1 MiB of an image that is not compressed"
+            )
     # libtiff would print on stderr
     if head.startswith(_TIFF_STARTS) and _first_directory(head) >= opened.stat().st_size:
         raise TerrainError(

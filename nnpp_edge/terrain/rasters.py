@@ -1,5 +1,8 @@
-"""Elevation maps in rasters (`gdal_files.FORMATS`), read and written by rasterio."""
+"""Elevation maps in rasters (GeoTIFF, PDS3, ESRI ASCII grid and others), read and written by
+rasterio.
+"""
 
+import json
 import math
 import os
 import re
@@ -69,7 +72,9 @@ class Raster:
             raise TerrainError(f"{path}: wanted one band of elevation, got {dataset.count} bands")
         if dataset.dtypes[0].startswith("complex"):
             raise TerrainError(f"{path}: wanted a band of real numbers, got {dataset.dtypes[0]}")
-        self._unit = str(dataset.units[0] or "")
+        image = _pds_image(dataset)
+        # GDAL passes over the unit in a PDS3 label
+        self._unit = str(dataset.units[0] or image.get("UNIT", ""))
         unit = _METRES_PER_UNIT.get(re.sub("[_-]", " ", self._unit.lower()))
         if unit is None:
             raise TerrainError(
@@ -111,15 +116,22 @@ class Raster:
 
     def check_whole(self) -> None:
         """TerrainError for a file cut short where GDAL would fill in zeros and say nothing."""
-        if self.driver != "AAIGrid":
-            return
         cells = math.prod(self.shape)
-        text = _ASCII_HEADER.sub("", self.path.read_text("latin-1"))
-        got = np.fromstring(text, dtype=np.float32, sep=" ").size
-        if got < cells:
-            raise TerrainError(
-                f"{self.path}: wanted {cells} heights, got {got} before the end or a word"
-            )
+        if self.driver == "AAIGrid":
+            text = _ASCII_HEADER.sub("", self.path.read_text("latin-1"))
+            got = np.fromstring(text, dtype=np.float32, sep=" ").size
+            if got < cells:
+                raise TerrainError(
+                    f"{self.path}: wanted {cells} heights, got {got} before the end or a word"
+                )
+        elif self.driver in ("EHdr", "PDS"):
+            files = self.dataset.files if self.driver == "PDS" else [self.path]
+            wanted = cells * self.dtype.itemsize
+            bytes_ = sum(Path(name).stat().st_size for name in files)
+            if bytes_ < wanted:
+                raise TerrainError(
+                    f"{self.path}: wanted {wanted} bytes of heights, got {bytes_} with the label"
+                )
 
     def _check_blocks(self, part: Rectangle) -> None:
         """TerrainError where a deflated block under a window is damaged; each block is checked
@@ -229,6 +241,15 @@ def raster_bytes(path: Path, array: npt.ArrayLike, place: Place) -> bytes:
         with memory.open(**options) as dataset:
             dataset.write(values.astype(np.float32), 1)
         return bytes(memory.read())
+
+
+def _pds_image(dataset: "DatasetReader") -> dict[str, object]:
+    """The image object of a PDS3 label; empty for other files."""
+    tags = dataset.tags(ns="json:PDS")
+    # rasterio cuts the JSON at its first colon
+    label = json.loads(":".join(*tags.items())) if tags else {}
+    found: dict[str, object] = label.get("IMAGE", {})
+    return found
 
 
 def _opened(rasterio: ModuleType, path: Path, opened: Path, **options: object) -> "DatasetReader":

@@ -14,7 +14,7 @@ ROOT = str(Path(__file__).parents[2])
 ROWS = 132
 COLS = 140
 CELL_M = 2.0
-DEMS = ("dem.npy", "dem.npz", "dem.tif", "dem.asc", "N10E010.hgt")
+DEMS = ("dem.npy", "dem.npz", "dem.tif", "dem.asc", "N10E010.hgt", "dem.img")
 PROFILE = """planner = "auto"
 budgets = [{ name = "mean gap", quantity = "gap_mean", limit = 100.0, direction = "at most", unit = "%" }]
 [device]
@@ -38,6 +38,20 @@ REPORT = """{
     "speedup_median": 2.0, "speedup_total": 2.0, "mm_mean": 0.1
   }]
 }"""
+LABEL = """PDS_VERSION_ID = PDS3
+RECORD_TYPE = FIXED_LENGTH
+RECORD_BYTES = {bytes}
+FILE_RECORDS = {records}
+^IMAGE = 9
+OBJECT = IMAGE
+  LINES = {rows}
+  LINE_SAMPLES = {cols}
+  SAMPLE_TYPE = PC_REAL
+  SAMPLE_BITS = 32
+  BANDS = 1
+END_OBJECT = IMAGE
+END
+"""
 
 
 def make_light(folder):
@@ -50,7 +64,8 @@ def make_light(folder):
 
     folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(0)
-    ground = rng.normal(0.0, 0.02, (ROWS, COLS)).cumsum(0).cumsum(1).astype(np.float32)
+    known = rng.normal(0.0, 0.02, (ROWS, COLS)).cumsum(0).cumsum(1).astype(np.float32)
+    ground = known.copy()
     ground[ROWS // 3, COLS // 3 : COLS // 2] = np.nan
     cell = {"cell_size_m": CELL_M}
     np.save(folder / "dem.npy", ground)
@@ -62,6 +77,8 @@ def make_light(folder):
         dataset.write(np.nan_to_num(ground, nan=-9999.0), 1)
     rasterio.shutil.copy(folder / "dem.tif", folder / "dem.asc", driver="AAIGrid")
     (folder / "N10E010.hgt").write_bytes(np.full((1201, 1201), 100, ">i2").tobytes())
+    label = LABEL.format(bytes=4 * COLS, records=ROWS + 8, rows=ROWS, cols=COLS).encode()
+    (folder / "dem.img").write_bytes(label.ljust(8 * 4 * COLS) + known.astype("<f4").tobytes())
     cost = rng.uniform(0.0, 0.9, (ROWS, COLS)).astype(np.float32)
     cost[5, 3:20] = np.inf
     np.savez_compressed(folder / "cost.npz", cost=cost, cell_width_m=CELL_M, **cell)

@@ -213,6 +213,83 @@ def test_an_ascii_grid_that_is_damaged_is_refused_and_not_filled_with_zeros(
     refused(tmp_path / "grid.asc", word)
 
 
+def pds3_label(record_bytes, pointer, sample, image, scale):
+    """A PDS3 label of a map 4 samples wide and 64 lines high, in the manner of the lunar
+    altimeters'.
+    """
+    sample_type, bits = sample.split()
+    lines = f"""PDS_VERSION_ID = PDS3
+        RECORD_TYPE = FIXED_LENGTH
+        RECORD_BYTES = {record_bytes}
+        ^IMAGE = {pointer}
+        OBJECT = IMAGE
+          LINES = 64
+          LINE_SAMPLES = 4
+          SAMPLE_TYPE = {sample_type}
+          SAMPLE_BITS = {bits}
+          {image}
+        END_OBJECT = IMAGE
+        OBJECT = IMAGE_MAP_PROJECTION
+          MAP_PROJECTION_TYPE = "SIMPLE CYLINDRICAL"
+          A_AXIS_RADIUS = 1737.4 <KM>
+          B_AXIS_RADIUS = 1737.4 <KM>
+          C_AXIS_RADIUS = 1737.4 <KM>
+          CENTER_LATITUDE = 0.0 <DEG>
+          CENTER_LONGITUDE = 0.0 <DEG>
+          MAP_SCALE = {scale}
+          LINE_PROJECTION_OFFSET = 0.5
+          SAMPLE_PROJECTION_OFFSET = 0.5
+        END_OBJECT = IMAGE_MAP_PROJECTION
+        END
+        """
+    return "\r\n".join(line.strip() for line in lines.splitlines()).encode()
+
+
+def test_a_pds3_image_with_its_label_attached_is_read(tmp_path):
+    heights = np.random.default_rng(1).uniform(-2, 2, (64, 4)).astype("<f4")
+    label = pds3_label(2048, "2", "PC_REAL 32", "MISSING_CONSTANT = 7.0", "20 <M/PIXEL>")
+    stored = heights.copy()
+    stored[0, 0] = 7.0
+    (tmp_path / "dtm.img").write_bytes(label.ljust(2048) + stored.tobytes())
+    dem = read_dem(tmp_path / "dtm.img")
+    assert np.isnan(dem.elevation[0, 0])
+    np.testing.assert_array_equal(dem.elevation.ravel()[1:], heights.ravel()[1:])
+    assert (dem.cell_size_m, dem.cell_width_m) == (20.0, 20.0)
+
+
+@pytest.fixture
+def detached(tmp_path):
+    """A PDS3 image, its label beside it, and its heights: half metres above a sphere."""
+    stored = np.random.default_rng(2).integers(-999, 999, (64, 4)).astype("<i2")
+    scaling = "OFFSET = 1737400\nSCALING_FACTOR = 0.5\nUNIT = METER"
+    label = pds3_label(8, '("LDEM.IMG", 1)', "LSB_INTEGER 16", scaling, "0.118 <KM/PIXEL>")
+    (tmp_path / "ldem.lbl").write_bytes(label)
+    (tmp_path / "ldem.img").write_bytes(stored.tobytes())
+    return tmp_path / "ldem.img", tmp_path / "ldem.lbl", stored * 0.5
+
+
+def test_a_pds3_image_is_read_through_the_label_beside_it(detached):
+    image, label, heights = detached
+    for path in (image, label):
+        dem = read_dem(path)
+        np.testing.assert_array_equal(dem.elevation, heights)
+        assert dem.cell_size_m == pytest.approx(118) and dem.source == path
+    label.write_bytes(
+        label.read_bytes().replace(b"METER", b"KILOMETER").replace(b"1737400", b"1737.4")
+    )
+    np.testing.assert_allclose(read_dem(label).elevation, heights * 1000, rtol=1e-6)
+
+
+def test_a_pds3_image_cut_short_is_refused_and_not_filled_with_zeros(detached):
+    image, label, _ = detached
+    heights = np.tile(np.fromfile(image, "<i2"), 64)  # much larger than the label
+    label.write_bytes(label.read_bytes().replace(b"LINES = 64", b"LINES = 4096"))
+    image.write_bytes(heights.tobytes())
+    assert read_dem(image).elevation.shape == (4096, 4)
+    image.write_bytes(heights.tobytes()[: heights.nbytes // 2])
+    refused(image, "wanted 32768 bytes of heights")
+
+
 @pytest.mark.parametrize("dtype", [np.float64, np.int16, ">f4", np.float16])
 def test_an_array_file_is_read_with_the_cell_size_given(tmp_path, dtype):
     path = tmp_path / "map.npy"
@@ -284,7 +361,7 @@ def test_an_archive_that_is_no_elevation_map_is_refused(tmp_path, arrays, word):
 
 
 @pytest.mark.parametrize("content", [b"", b"Dear reader,\nno terrain.\n", b"\x00\xff" * 300])
-@pytest.mark.parametrize("name", ["x.tif", "x.asc", "x.npy", "x.npz", "x"])
+@pytest.mark.parametrize("name", ["x.tif", "x.asc", "x.img", "x.lbl", "x.npy", "x.npz", "x"])
 def test_what_is_no_terrain_is_refused(tmp_path, name, content):
     (tmp_path / name).write_bytes(content)
     refused(tmp_path / name, "wanted", cell_size_m=1)

@@ -90,9 +90,34 @@ def test_what_lies_beside_a_raster_makes_no_request(tmp_path, site, end):
     assert requests == []
 
 
-def test_an_ascii_grid_is_read_and_not_when_cut_short(tmp_path):
-    path = tmp_path / "dem.asc"
-    rasterio.shutil.copy(raster(tmp_path / "source.tif"), path, driver="AAIGrid")
+LABEL = """PDS_VERSION_ID = PDS3\r\nRECORD_TYPE = FIXED_LENGTH\r\nRECORD_BYTES = 36\r\n^IMAGE = ("{file}", 1)\r
+OBJECT = IMAGE\r\nLINES = 6\r\nLINE_SAMPLES = 9\r\nSAMPLE_TYPE = PC_REAL\r\nSAMPLE_BITS = 32\r
+END_OBJECT = IMAGE\r\nEND\r\n"""
+
+
+def test_a_label_that_leads_elsewhere_is_refused(tmp_path):
+    (tmp_path / "inner").mkdir()
+    for place in (tmp_path / "secret.img", tmp_path / "inner" / "own.img"):
+        HEIGHTS.tofile(place)
+    label = tmp_path / "inner" / "dem.lbl"
+    label.write_text(LABEL.format(file="own.img"), newline="")
+    np.testing.assert_array_equal(read_dem(label, cell_size_m=1).elevation, HEIGHTS)
+    for file in ("../secret.img", f"{tmp_path}/secret.img"):
+        label.write_text(LABEL.format(file=file), newline="")
+        refusal(label)
+    compressed = 'OBJECT = compressed_file\r\nFILE_NAME = "own.tif"\r\nEND_OBJECT\r\n'
+    text = LABEL.format(file="own.img").replace("OBJECT", f"{compressed}OBJECT", 1)
+    label.write_text(text, newline="")
+    assert "an image that is not compressed" in refusal(label)
+
+
+@pytest.mark.parametrize(
+    ("name", "driver"),
+    [("dem.bil", "EHdr"), ("dem.img", "HFA"), ("dem.asc", "AAIGrid")],
+)
+def test_the_formats_of_the_list_are_read_and_not_when_cut_short(tmp_path, name, driver):
+    path = tmp_path / name
+    rasterio.shutil.copy(raster(tmp_path / "source.tif"), path, driver=driver)
     dem = read_dem(path)
     np.testing.assert_allclose(dem.elevation, HEIGHTS, rtol=1e-6)
     assert dem.cell_size_m == 5
@@ -112,13 +137,11 @@ def test_an_srtm_tile_is_read(tmp_path):
 
 
 def test_a_message_that_nobody_can_read_is_not_printed(tmp_path, capfd):
-    """GDAL quotes the bytes of statistics that lie beside a raster."""
-    path = raster(tmp_path / "dem.tif")
-    content = raster(tmp_path / "other.img", driver="HFA").read_bytes()
-    damaged = content.replace(b"{1:lversion", b"{1:\x81version")
-    (tmp_path / "dem.aux").write_bytes(damaged)
+    """GDAL quotes the file's own bytes."""
+    path = raster(tmp_path / "dem.img", driver="HFA")
+    path.write_bytes(path.read_bytes().replace(b"{1:lversion", b"{1:\x81version"))
     hooks = sys.excepthook, sys.unraisablehook
-    assert read_dem(path).shape == HEIGHTS.shape
+    refusal(path)
     assert capfd.readouterr() == ("", "")
     assert (sys.excepthook, sys.unraisablehook) == hooks
 
