@@ -221,7 +221,7 @@ def _set_out(start, h, width, memory):
     suspend(memory, queue, inf, 0)
     visit(memory, start, 0.0, OPEN_BIT | ORIGIN)
     memory.reals[BEST_H] = inf
-    memory.counts[BEST_NODE] = start
+    memory.control[BEST_NODE] = start
 
 
 @kernel
@@ -278,7 +278,7 @@ def expand(
     best_h = memory.reals[BEST_H]
     room = int64(len(memory.entries)) // 2 - 8
     inverse_stride = 1.0 / stride
-    expansions = memory.counts[EXPANSIONS]
+    expansions = memory.control[EXPANSIONS]
     last = expansions + limits.most
     look_at = expansions + _LOOK_EVERY
     code = PAUSED
@@ -310,7 +310,7 @@ def expand(
         expansions += 1
         if h < best_h:
             best_h = h
-            memory.counts[BEST_NODE] = node
+            memory.control[BEST_NODE] = node
         better = _improved(node, g_node, edges, task)
         better &= rule.successors[uint64(word & DIRECTION_BITS)]
         if len(links) > 0:
@@ -322,8 +322,6 @@ def expand(
             front = _relax(node, row, col, k, g_node, own, edges, task, front)
     suspend(memory, front.queue, front.refused, expansions)
     memory.reals[BEST_H] = best_h
-    cells = 0
-    if code != FULL:
-        end = goal if code == FOUND else memory.counts[BEST_NODE]
-        cells = trace(memory.meta, end, stride, memory.path)
+    end = goal if code == FOUND else memory.control[BEST_NODE]
+    cells = trace(memory.meta, end, stride, memory.path)
     return code, cells, expansions, front.refused

@@ -87,7 +87,7 @@ def suspend(memory, queue, refused, expansions):
     expansions so far.
     """
     memory.reals[REFUSED] = refused
-    memory.counts[EXPANSIONS] = expansions
+    memory.control[EXPANSIONS] = expansions
     control = memory.control
     control[FREE] = queue.free
     control[USED] = queue.used

@@ -251,11 +251,8 @@ class Memory(NamedTuple):
     entries: Int32s
     """(2 · room,) the node of entry e at 2e, the next entry of its chain at 2e + 1."""
     control: Int64s
-    """What `FREE` and the others below say."""
     reals: Doubles
-    """What `BASE` and the others below say."""
-    counts: Int64s
-    """What `EXPANSIONS` and the others below say."""
+    """What `FREE` and `BASE`, and the others below them, say."""
     path: Int32s
     """(N, 2 or 3) cells of the path found, goal first, and of a body the state on each."""
 
@@ -265,8 +262,12 @@ USED = 1
 FINE_AT = 2
 BLOCK = 3
 LENGTH = 4
-CONTROL_SLOTS = 5
-"""Of `Memory.control`: the fields of a `Queue` that are whole numbers."""
+EXPANSIONS = 5
+BEST_NODE = 6
+GOAL_STATE = 7
+CONTROL_SLOTS = 8
+"""Of `Memory.control`: the fields of a `Queue` that are whole numbers; expansions so far; the
+expanded node nearest the goal; the body's state at the goal, -1 until it has been reached."""
 BASE = 0
 INVERSE_WIDTH = 1
 REFUSED = 2
@@ -275,12 +276,6 @@ BOUND = 4
 REAL_SLOTS = 5
 """Of `Memory.reals`: those that are not; the least f of a node that the region refused; h of the
 best node; the bound on f."""
-EXPANSIONS = 0
-BEST_NODE = 1
-GOAL_STATE = 2
-COUNT_SLOTS = 3
-"""Of `Memory.counts`: expansions so far; the expanded node nearest the goal; the body's state at
-the goal, -1 until it has been reached."""
 
 
 class Queue(NamedTuple):

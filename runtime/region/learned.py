@@ -9,7 +9,7 @@ from nnpp_edge.runtime.arrays import Float2D, Int32, UInt8
 from nnpp_edge.runtime.cells import Cell, Endpoints, coarser
 from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
 from nnpp_edge.runtime.kernels import threshold as kernels
-from nnpp_edge.runtime.kernels.pooling import FACTOR, NO_LINKS
+from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.kernels.records import ThresholdMemory
 from nnpp_edge.runtime.kernels.threshold import lowered
 from nnpp_edge.runtime.map.pyramid import Level
@@ -95,8 +95,7 @@ class RegionFinder:
         self.stamp += 1
         grid = level.grid
         start, goal = ends
-        links = NO_LINKS if level.links is None else level.links
-        walked = probability, lookup, grid.packed, links
+        walked = probability, lookup, grid.packed, level.links
         start_block, goal_block = blocks
         nodes = (grid.node(*start), grid.node(*goal))
         asked = (

@@ -286,7 +286,7 @@ def _traced(grid: "Grid", workspace: Workspace, code: int, length: int) -> Searc
     """The path that the search of the states came to."""
     prices = tuple(grid.robot.states().prices)
     trace = partial(trace_states, prices=prices, frame=_frame(grid, workspace))
-    end = int(workspace.counts[BEST_NODE])
+    end = int(workspace.control[BEST_NODE])
     found = traced(trace, workspace, code, end, length, 0, math.inf)
     path = found.path
     if grid.robot.moves.columns == 2:  # cells alone, of those that it turns on one
