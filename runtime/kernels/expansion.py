@@ -24,7 +24,6 @@ from nnpp_edge.runtime.kernels.nodes import (
     ORIGIN,
     PAUSED,
     ROW_STEP,
-    STAMP_SHIFT,
     beside_wall,
     g_of,
     lowest_bit,
@@ -32,7 +31,6 @@ from nnpp_edge.runtime.kernels.nodes import (
     octile,
     outside,
     put_word,
-    row_steps,
     step_cost,
     visit,
     word_of,
@@ -163,21 +161,16 @@ def _in_float32(steps):
 @inlined
 def _improved(node, g_node, edges, task):
     """The neighbours, as bits, that are reached at a lower g than before by way of a node."""
-    g = task.memory.g
-    meta = task.memory.meta
     weights = task.grid.weights
-    down = row_steps(task.grid.stride)
     own = weights[uint64(node)]
     better = int64(0)
     for k in range(8):  # unrolled by the compiler
-        there = uint64(node + down[k] + COL_STEP[k])
-        if edges is None:
-            step = step_cost(k >= 4, own + weights[there], task.terms)  # inf where impassable
+        there = neighbour(node, k, task.grid.stride)
+        if edges is None:  # inf where impassable
+            step = step_cost(k >= 4, own + weights[uint64(there)], task.terms)
         else:
             step = edges[uint64(node), uint64(k)]
-        visited = meta[there * uint64(2) + uint64(1)] >> STAMP_SHIFT == task.memory.stamp
-        known = g[there * uint64(2)] if visited else float32(inf)
-        better |= int64(g_node + step < known) << k
+        better |= int64(g_node + step < known(task.memory, there)) << k
     return better
 
 

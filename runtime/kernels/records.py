@@ -1,9 +1,9 @@
 """The records that kernels are given, by name, with the type, shape and unit of each field.
 
-They are handed over as plain tuples, and named on a kernel's first lines, ``grid = Grid(*grid)``:
-so a call takes what one with plain tuples does, and the lines below it read fields by name. A
-record within another is a plain tuple as well, until it is named. They stand here, as compiled
-kernels hold the places of their fields (`compiled.places`).
+They are handed over as plain tuples, so that a call takes what one with plain tuples does. A kernel
+that says which record a parameter is, ``grid: Grid``, reads its fields by name. A record within
+another is a plain tuple as well, and named with it where its field is annotated. They stand here,
+as compiled kernels hold the places of their fields (`compiled.places`).
 """
 
 from typing import Annotated, NamedTuple
@@ -491,20 +491,12 @@ class Lookup(NamedTuple):
     """(H,) and (W,)"""
 
 
-class RegionEnds(NamedTuple):
-    """Start and goal as nodes, and the blocks that belong to any region."""
+class RegionQuery(NamedTuple):
+    """Start and goal as nodes, the blocks that belong to any region, and how regions are found."""
 
     start: int
     goal: int
-    start_row: int
-    start_col: int
-    goal_row: int
-    goal_col: int
-
-
-class RegionRule(NamedTuple):
-    """How regions are found."""
-
+    blocks: tuple[tuple[int, int], tuple[int, int]]
     touching: bool
     """Whether each step of the grid leads to the same block or one that touches it: then blocks
     joined bound what cells are.

@@ -96,11 +96,9 @@ class RegionFinder:
         grid = level.grid
         start, goal = ends
         walked = probability, lookup, grid.packed, level.links
-        start_block, goal_block = blocks
         nodes = (grid.node(*start), grid.node(*goal))
         asked = (
-            (*nodes, *start_block, *goal_block),  # `records.RegionEnds`
-            (touching, factor),  # `records.RegionRule`
+            (*nodes, blocks, touching, factor),  # `records.RegionQuery`
             tuple(self._memory),
             (workspace.meta, workspace.next_stamp()),  # `records.WalkMemory`
             (self.stamp, self.at_td, self.bitmap),  # `records.RegionMarks`
@@ -114,7 +112,7 @@ class RegionFinder:
         """Number the blocks at or above a threshold in `bitmap`; the number is `stamp`."""
         self.stamp += 1
         levels = self._memory.levels
-        kernels.fill_region(levels, threshold, *start, *goal, self.stamp, radius, self.bitmap)
+        kernels.fill_region(levels, threshold, start, goal, self.stamp, radius, self.bitmap)
 
     def region(self, lookup: Lookup) -> Region:
         """The blocks marked last, as a region of the grid whose rows and columns lie in the blocks
