@@ -315,6 +315,7 @@ def expand(
             front = _relax(node, row, col, k, g_node, own, edges, task, front)
     suspend(memory, front.queue, front.refused, expansions)
     memory.reals[BEST_H] = best_h
-    end = goal if code == FOUND else memory.control[BEST_NODE]
-    cells = trace(memory.meta, end, stride, memory.path)
+    if code == FOUND:
+        memory.control[BEST_NODE] = goal
+    cells = trace(memory.meta, memory.control[BEST_NODE], stride, memory.path)
     return code, cells, expansions, front.refused

@@ -189,13 +189,6 @@ class CostLimits(NamedTuple):
     """NaN and costs from here up are impassable."""
 
 
-class Bounds(NamedTuple):
-    """On the weights of passable cells."""
-
-    least: float
-    greatest: float
-
-
 class Rectangle(NamedTuple):
     """A part of a map by its first cell and its size."""
 
@@ -267,7 +260,8 @@ BEST_NODE = 6
 GOAL_STATE = 7
 CONTROL_SLOTS = 8
 """Of `Memory.control`: the fields of a `Queue` that are whole numbers; expansions so far; the
-expanded node nearest the goal; the body's state at the goal, -1 until it has been reached."""
+expanded node nearest the goal, in the end the goal itself; the body's state at the goal, -1 until
+it has been reached."""
 BASE = 0
 INVERSE_WIDTH = 1
 REFUSED = 2
@@ -433,7 +427,7 @@ class FinerSteps(NamedTuple):
 
 
 class Searched(NamedTuple):
-    """What a search left in its memory."""
+    """What a search leaves in its memory, see `Memory`."""
 
     g: Floats
     meta: Int32s
@@ -516,14 +510,6 @@ class ThresholdMemory(NamedTuple):
     """(blocks,) the next that waits there."""
     done: Bytes
     """(blocks,)"""
-
-
-class WalkMemory(NamedTuple):
-    """A workspace's memory, which the search that follows will touch too."""
-
-    meta: Int32s
-    """(2 · nodes,) at 2n the next node that waits, at 2n + 1 the search's number."""
-    stamp: int
 
 
 class RegionMarks(NamedTuple):

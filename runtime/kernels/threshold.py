@@ -21,8 +21,8 @@ from nnpp_edge.runtime.kernels.records import (
     Lookup,
     RegionMarks,
     RegionQuery,
+    Searched,
     ThresholdMemory,
-    WalkMemory,
 )
 from nnpp_edge.runtime.kernels.tiles import open_at
 
@@ -206,7 +206,7 @@ def first_regions(
     links,
     query: RegionQuery,
     memory: ThresholdMemory,
-    walk: WalkMemory,
+    walk: Searched,
     marks: RegionMarks,
     until,
 ):
@@ -220,8 +220,8 @@ def first_regions(
     probability : (B, B) float32
         In [0, 1].
     lookup, grid, query, memory, walk, marks
-        `Lookup`, `Grid`, `RegionQuery`, `ThresholdMemory`, `WalkMemory` with the
-        number of a new search, and `RegionMarks`.
+        `Lookup`, `Grid`, `RegionQuery`, `ThresholdMemory`, `Searched` with the number of
+        a new search, and `RegionMarks`.
     links : (nodes,) uint8
         As for `expand`.
     """

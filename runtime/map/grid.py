@@ -215,7 +215,7 @@ class Grid:
             self.node(row, col),
             self.stride,
             self.weights,
-            bounds,  # `records.Bounds`
+            bounds,
             nodes,
             old,
         )

@@ -100,7 +100,7 @@ class RegionFinder:
         asked = (
             (*nodes, blocks, touching, factor),  # `records.RegionQuery`
             tuple(self._memory),
-            (workspace.meta, workspace.next_stamp()),  # `records.WalkMemory`
+            (workspace.g, workspace.meta, workspace.next_stamp()),  # `records.Searched`
             (self.stamp, self.at_td, self.bitmap),  # `records.RegionMarks`
         )
         td = kernels.first_regions(*walked, *asked, deadline.at)

@@ -178,9 +178,8 @@ def astar(
     code, length, expansions, refused = run(
         *search, ends, workspace, limit or WITHOUT_END, deadline
     )
-    end = last if code == FOUND else int(workspace.control[BEST_NODE])
     trace = partial(kernels.trace, stride=grid.stride)
-    return traced(trace, workspace, code, end, length, expansions, refused)
+    return traced(trace, workspace, code, length, expansions, refused)
 
 
 def run(
@@ -224,17 +223,16 @@ def traced(
     trace: Callable[..., int],
     ws: Workspace,
     code: int,
-    end: int,
     length: int,
     spent: int,
     refused: float,
 ) -> Search:
-    """The outcome of a search that came to `end`, with its path."""
+    """The outcome of a search, with the path to where it ended."""
     if code == EXHAUSTED:
         return Search.without_path(Status.NO_PATH, spent, refused, ws.path.shape[1])
     if length > len(ws.path):
         ws.path = np.empty((length, ws.path.shape[1]), np.int32)
-        trace(ws.meta, end, out=ws.path)
+        trace(ws.meta, int(ws.control[BEST_NODE]), out=ws.path)
     status = Status.OK if code == FOUND else Status.TIMEOUT
     return Search(status, ws.path[length - 1 :: -1].copy(), spent, refused)
 
