@@ -31,8 +31,7 @@ def kernel(function: FunctionType) -> NumbaObject:
     once.
     """
     compiled = helper(_of_plain_tuples(function))
-    disabled = not hasattr(compiled, "overloads")  # as under NUMBA_DISABLE_JIT
-    if (places.OWN or places.READ) and not disabled:
+    if hasattr(compiled, "overloads") and (places.OWN or places.READ):  # not NUMBA_DISABLE_JIT
         compiled._cache = KernelCache(function, places.OWN, places.READ)
     return compiled
 

@@ -4,26 +4,29 @@ calls it.
 
 from numba import typeof, types
 from numba.core import cgutils
-from numba.extending import intrinsic
+from numba.extending import lower_builtin, type_callable
 
 
-@intrinsic
-def call_at(typing_context, address, arguments):
-    """Call the kernel at an address, compiled for just these arguments, a tuple; what it returns is
-    dropped.
+def call_at(kernel, address, arguments):
+    """Call a kernel that lies at an address, compiled for just these arguments, a tuple; what it
+    returns is dropped.
     """
+    kernel(*arguments)
 
-    def generate(context, builder, signature, values):
-        convention = context.call_conv
-        kinds = signature.args[1].types
-        function = convention.get_function_type(types.none, kinds)
-        pointer = builder.inttoptr(values[0], function.as_pointer())
-        convention.call_function(
-            builder, pointer, types.none, kinds, cgutils.unpack_tuple(builder, values[1])
-        )
-        return context.get_dummy_value()
 
-    return types.none(address, arguments), generate
+type_callable(call_at)(lambda context: lambda kernel, address, arguments: types.none)
+
+
+@lower_builtin(call_at, types.Any, types.Integer, types.BaseTuple)
+def _call_at(context, builder, signature, values):
+    convention = context.call_conv
+    _, address, arguments = values
+    kinds = signature.args[2].types
+    function = convention.get_function_type(types.none, kinds)
+    pointer = builder.inttoptr(address, function.as_pointer())
+    unpacked = cgutils.unpack_tuple(builder, arguments)
+    convention.call_function(builder, pointer, types.none, kinds, unpacked)
+    return context.get_dummy_value()
 
 
 def address_of(kernel, *arguments):

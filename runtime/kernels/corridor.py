@@ -32,24 +32,13 @@ _REACHED = 2
 
 
 @helper
-def _mark(path, radius, marks):
-    """Mark the quarters of a path's cells, and those within `radius` (as the king moves)
-    of them.
-    """
+def _mark(row, col, radius, marks):
+    """Mark the four quarters of a cell, and those within `radius` (as the king moves) of them."""
     rows, cols = marks.bitmap.shape
-    for n in range(len(path)):
-        top = 2 * path[n, ROW]
-        left = 2 * path[n, COL]
-        for i in range(max(top - radius, 0), min(top + 2 + radius, rows)):
-            for j in range(max(left - radius, 0), min(left + 2 + radius, cols)):
-                marks.bitmap[i, j] = marks.stamp
-
-
-@helper
-def _mark_cell(row, col, marks):
-    """Mark the four quarters of a cell."""
-    for i in range(2 * row, 2 * row + 2):
-        for j in range(2 * col, 2 * col + 2):
+    top = 2 * row
+    left = 2 * col
+    for i in range(max(top - radius, 0), min(top + 2 + radius, rows)):
+        for j in range(max(left - radius, 0), min(left + 2 + radius, cols)):
             marks.bitmap[i, j] = marks.stamp
 
 
@@ -74,7 +63,7 @@ def _flood(grid, edges, links, start, found, limit, scratch, marks, until):
     ended = False
     queue[0] = start
     reached[start] = 0.0
-    _mark_cell(start // stride - 1, start % stride - 1, marks)
+    _mark(start // stride - 1, start % stride - 1, 0, marks)
     while head != tail:
         node = int64(queue[head & mask])
         head += 1
@@ -103,7 +92,7 @@ def _flood(grid, edges, links, start, found, limit, scratch, marks, until):
             marked = marks.bitmap[2 * row, 2 * col] == marks.stamp
             if marked and cost >= reached[there]:
                 continue
-            _mark_cell(row, col, marks)
+            _mark(row, col, 0, marks)
             reached[there] = cost
             if not queued[there]:
                 queued[there] = 1
@@ -163,7 +152,8 @@ def surround(
     if width.band > 0.0 and len(path) > 1:
         limit = (1.0 + width.band) * found.g[2 * start]
         _flood(grid, edges, links, start, found, limit, scratch, marks, width.until)
-    _mark(path, width.radius, marks)  # last: the flood goes by the numbers that it wrote
+    for n in range(len(path)):  # last: the flood goes by the numbers that it wrote
+        _mark(path[n, ROW], path[n, COL], width.radius, marks)
     return _read_ahead(path, finer)
 
 

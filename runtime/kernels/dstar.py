@@ -26,7 +26,6 @@ from nnpp_edge.runtime.kernels.nodes import (
     neighbour,
     octile,
     outside,
-    row_steps,
     step_cost,
 )
 from nnpp_edge.runtime.kernels.records import (
@@ -63,11 +62,10 @@ def _cost(node, k, there, search, edges):
 @inlined
 def _least_by_way(node, search, edges):
     """The least cost to the goal by way of a neighbour, and the direction of that neighbour."""
-    down = row_steps(search.grid.stride)
     best = inf
     direction = int64(-1)
     for k in range(8):  # unrolled by the compiler
-        there = node + down[k] + COL_STEP[k]
+        there = neighbour(node, k, search.grid.stride)
         by_way = _cost(node, k, there, search, edges) + search.g[uint64(there)]
         direction = k if by_way < best else direction
         best = min(best, by_way)
@@ -183,21 +181,28 @@ def update_vertices(search: DStar, edges, part: Rectangle, blocks, until):
 
 
 @inlined
+def _neighbours(node, g, resting, search, edges):
+    """The neighbours, as bits, whose rhs rests on a node of this g; or else would, and lower."""
+    found = int64(0)
+    for k in range(8):  # unrolled by the compiler
+        there = neighbour(node, k, search.grid.stride)
+        by_way = _cost(there, OPPOSITE[k], node, search, edges) + g
+        rhs = search.rhs[uint64(there)]
+        rests = (by_way == rhs) & (by_way < inf) if resting else by_way < rhs
+        found |= int64(rests) << k
+    return found
+
+
+@inlined
 def _lower(node, row, col, search, edges):
     """Have g of a node fall to its rhs, and rhs of neighbours for which that is cheaper."""
     g = search.rhs[uint64(node)]
     search.g[uint64(node)] = g
-    stride = search.grid.stride
-    down = row_steps(stride)
-    reached = int64(0)
-    for k in range(8):  # unrolled by the compiler
-        there = node + down[k] + COL_STEP[k]
-        by_way = _cost(there, OPPOSITE[k], node, search, edges) + g
-        reached |= int64(by_way < search.rhs[uint64(there)]) << k
+    reached = _neighbours(node, g, False, search, edges)
     while reached:
         k = lowest_bit(reached)
         reached &= reached - 1
-        there = neighbour(node, k, stride)
+        there = neighbour(node, k, search.grid.stride)
         below = row + ROW_STEP[k]
         right = col + COL_STEP[k]
         if _may_enter(there, below, right, search):
@@ -211,17 +216,11 @@ def _raise(node, row, col, search, edges):
     g = search.g[uint64(node)]
     search.g[uint64(node)] = inf
     _update_vertex(node, row, col, search.rhs[uint64(node)], search)
-    stride = search.grid.stride
-    down = row_steps(stride)
-    rested = int64(0)
-    for k in range(8):  # unrolled by the compiler
-        there = node + down[k] + COL_STEP[k]
-        by_way = _cost(there, OPPOSITE[k], node, search, edges) + g
-        rested |= int64((by_way == search.rhs[uint64(there)]) & (by_way < inf)) << k
+    rested = _neighbours(node, g, True, search, edges)
     while rested:
         k = lowest_bit(rested)
         rested &= rested - 1
-        there = neighbour(node, k, stride)
+        there = neighbour(node, k, search.grid.stride)
         rhs, _ = _least_by_way(there, search, edges)
         _update_vertex(there, row + ROW_STEP[k], col + COL_STEP[k], rhs, search)
 

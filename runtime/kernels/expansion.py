@@ -24,7 +24,6 @@ from nnpp_edge.runtime.kernels.nodes import (
     ORIGIN,
     PAUSED,
     ROW_STEP,
-    STAMP_SHIFT,
     beside_wall,
     g_of,
     lowest_bit,
@@ -32,7 +31,6 @@ from nnpp_edge.runtime.kernels.nodes import (
     octile,
     outside,
     put_word,
-    row_steps,
     step_cost,
     visit,
     word_of,
@@ -163,21 +161,16 @@ def _in_float32(steps):
 @inlined
 def _improved(node, g_node, edges, task):
     """The neighbours, as bits, that are reached at a lower g than before by way of a node."""
-    g = task.memory.g
-    meta = task.memory.meta
     weights = task.grid.weights
-    down = row_steps(task.grid.stride)
     own = weights[uint64(node)]
     better = int64(0)
     for k in range(8):  # unrolled by the compiler
-        there = uint64(node + down[k] + COL_STEP[k])
-        if edges is None:
-            step = step_cost(k >= 4, own + weights[there], task.terms)  # inf where impassable
+        there = neighbour(node, k, task.grid.stride)
+        if edges is None:  # inf where impassable
+            step = step_cost(k >= 4, own + weights[uint64(there)], task.terms)
         else:
             step = edges[uint64(node), uint64(k)]
-        visited = meta[there * uint64(2) + uint64(1)] >> STAMP_SHIFT == task.memory.stamp
-        known = g[there * uint64(2)] if visited else float32(inf)
-        better |= int64(g_node + step < known) << k
+        better |= int64(g_node + step < known(task.memory, there)) << k
     return better
 
 
@@ -221,7 +214,7 @@ def _set_out(start, h, width, memory):
     suspend(memory, queue, inf, 0)
     visit(memory, start, 0.0, OPEN_BIT | ORIGIN)
     memory.reals[BEST_H] = inf
-    memory.counts[BEST_NODE] = start
+    memory.control[BEST_NODE] = start
 
 
 @kernel
@@ -278,7 +271,7 @@ def expand(
     best_h = memory.reals[BEST_H]
     room = int64(len(memory.entries)) // 2 - 8
     inverse_stride = 1.0 / stride
-    expansions = memory.counts[EXPANSIONS]
+    expansions = memory.control[EXPANSIONS]
     last = expansions + limits.most
     look_at = expansions + _LOOK_EVERY
     code = PAUSED
@@ -310,7 +303,7 @@ def expand(
         expansions += 1
         if h < best_h:
             best_h = h
-            memory.counts[BEST_NODE] = node
+            memory.control[BEST_NODE] = node
         better = _improved(node, g_node, edges, task)
         better &= rule.successors[uint64(word & DIRECTION_BITS)]
         if len(links) > 0:
@@ -322,8 +315,7 @@ def expand(
             front = _relax(node, row, col, k, g_node, own, edges, task, front)
     suspend(memory, front.queue, front.refused, expansions)
     memory.reals[BEST_H] = best_h
-    cells = 0
-    if code != FULL:
-        end = goal if code == FOUND else memory.counts[BEST_NODE]
-        cells = trace(memory.meta, end, stride, memory.path)
+    if code == FOUND:
+        memory.control[BEST_NODE] = goal
+    cells = trace(memory.meta, memory.control[BEST_NODE], stride, memory.path)
     return code, cells, expansions, front.refused

@@ -352,7 +352,7 @@ def fill_field(
         _seed(memory, seeds, judge, base, rule.width)
     front = resumed(memory, float64(known(memory, start)))
     room = int64(len(memory.entries)) // 2 - len(rays) - 1
-    expansions = memory.counts[EXPANSIONS]
+    expansions = memory.control[EXPANSIONS]
     last = expansions + limits.most
     taken = 0
     checked = poses.counts[0]
@@ -420,8 +420,8 @@ def _set_out(ends, task):
     memory.reals[BASE] = h
     memory.reals[BEST_H] = inf
     memory.reals[BOUND] = inf
-    memory.counts[BEST_NODE] = state
-    memory.counts[GOAL_STATE] = NOTHING
+    memory.control[BEST_NODE] = state
+    memory.control[GOAL_STATE] = NOTHING
 
 
 @inlined
@@ -552,7 +552,7 @@ def expand_states(
     Returns
     -------
     tuple
-        As there; once the goal is found, `counts` has its state in the place of the nearest one's.
+        As there; once the goal is found, `control` has its state in the place of the nearest one's.
     """
     stride = poses.cols + 2
     frame = rule.frame
@@ -563,10 +563,10 @@ def expand_states(
         _set_out(ends, task)
     front = resumed(memory, memory.reals[BOUND])
     best_h = memory.reals[BEST_H]
-    settled = memory.counts[GOAL_STATE]
+    settled = memory.control[GOAL_STATE]
     ways = prices.moves.shape[1]
     room = int64(len(memory.entries)) // 2 - ways - DIRECTION_COUNT - 3
-    expansions = memory.counts[EXPANSIONS]
+    expansions = memory.control[EXPANSIONS]
     last = expansions + limits.most
     taken = 0
     checked = poses.counts[0]
@@ -603,19 +603,16 @@ def expand_states(
         expansions += 1
         if h < best_h:
             best_h = h
-            memory.counts[BEST_NODE] = state
+            memory.control[BEST_NODE] = state
         for way in range(ways):
             front, settled = _relax(row, col, local, way, g_state, expansions, task, front, settled)
     suspend(memory, front.queue, front.refused, expansions)
     memory.reals[BEST_H] = best_h
     memory.reals[BOUND] = front.bound
-    memory.counts[GOAL_STATE] = settled
+    memory.control[GOAL_STATE] = settled
     if code == FOUND:
-        memory.counts[BEST_NODE] = settled
-    cells = 0
-    if code != FULL:
-        end = memory.counts[BEST_NODE]
-        cells = _trace(memory.meta, end, prices, frame, memory.path)
+        memory.control[BEST_NODE] = settled
+    cells = _trace(memory.meta, memory.control[BEST_NODE], prices, frame, memory.path)
     return code, cells, expansions, front.refused
 
 

@@ -63,12 +63,6 @@ def neighbour(node, k, stride):
 
 
 @inlined
-def row_steps(stride):
-    """Nodes from one to its neighbour's row, for each direction."""
-    return (-stride, stride, int64(0), int64(0), -stride, -stride, stride, stride)
-
-
-@inlined
 def beside_wall(weights, node, down, right):
     """Whether a diagonal step passes beside an impassable cell: so many nodes down, and right."""
     above = weights[uint64(node + down)] == inf

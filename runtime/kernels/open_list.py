@@ -50,22 +50,6 @@ def empty(memory, base, width):
 
 
 @inlined
-def resume(memory):
-    """Where the list stood when a call stopped."""
-    control = memory.control
-    reals = memory.reals
-    return Queue(
-        control[FREE],
-        control[USED],
-        control[FINE_AT],
-        control[BLOCK],
-        control[LENGTH],
-        reals[BASE],
-        reals[INVERSE_WIDTH],
-    )
-
-
-@inlined
 def known(memory, node):
     """g of a node so far, inf where no search has come."""
     visited = word_of(memory.meta, node) >> STAMP_SHIFT == memory.stamp
@@ -77,7 +61,17 @@ def resumed(memory, bound):
     """How far a search had come when a call stopped; it leaves out what has an f of this bound or
     more.
     """
-    queue = resume(memory)
+    control = memory.control
+    reals = memory.reals
+    queue = Queue(
+        control[FREE],
+        control[USED],
+        control[FINE_AT],
+        control[BLOCK],
+        control[LENGTH],
+        reals[BASE],
+        reals[INVERSE_WIDTH],
+    )
     return Frontier(queue, bound, last_bucket_below(bound, queue), memory.reals[REFUSED])
 
 
@@ -87,7 +81,7 @@ def suspend(memory, queue, refused, expansions):
     expansions so far.
     """
     memory.reals[REFUSED] = refused
-    memory.counts[EXPANSIONS] = expansions
+    memory.control[EXPANSIONS] = expansions
     control = memory.control
     control[FREE] = queue.free
     control[USED] = queue.used

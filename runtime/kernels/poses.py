@@ -9,7 +9,6 @@ The kernels are given `Poses`. Those that look call `check_run` by its address: 
 compile it anew into each of them.
 """
 
-from numba.extending import overload
 from numpy import float32, inf, int32, uint16, uint64
 
 from nnpp_edge.runtime.compiled.kernel import helper, inlined, kernel
@@ -44,7 +43,6 @@ from nnpp_edge.runtime.kernels.records import (
     SWEPT_AHEAD,
     SWEPT_LEFT,
     SWEPT_TURN,
-    Area,
     Figures,
     Plane,
     Poses,
@@ -87,19 +85,6 @@ def motion_weight(code, unit):
     """
     weight = float32(max(int32(code), int32(1)) - int32(1)) * unit
     return _INF if code >= FAILS else weight
-
-
-@kernel
-def put_heights(heights, base, unknown, out, row, col):
-    """Write heights, less `base`, into `out` from a place on; `unknown` where they are
-    not finite.
-    """
-    for i in range(heights.shape[0]):
-        line = heights[i]
-        there = out[row + i, col : col + heights.shape[1]]
-        for c in range(len(there)):
-            h = line[c]
-            there[c] = h - base if abs(h) < _INF else unknown
 
 
 # The ground under a pose
@@ -383,14 +368,10 @@ def check_run(poses: Poses, row, col, motion):
     poses.counts[0] += n * (end - begin)
 
 
+@inlined
 def check_there(poses, row, col, motion):
     """`check_run`, for other kernels to call."""
-    check_run(poses, row, col, motion)
-
-
-@overload(check_there)
-def _compiled_check_there(poses, row, col, motion):
-    return lambda poses, row, col, motion: call_at(poses.check_run, (poses, row, col, motion))
+    call_at(check_run, poses.check_run, (poses, row, col, motion))
 
 
 @kernel
@@ -414,18 +395,3 @@ def check_all(poses: Poses):
             for motion in range(codes.shape[1]):
                 if codes[first + col, motion] == UNCHECKED:
                     check_there(poses, row, col, motion)
-
-
-@kernel
-def forget_poses(poses: Poses, area: Area, reach):
-    """Take motions within `reach`, (rows, columns), of an `Area` of cells as unchecked."""
-    rows_off, cols_off = reach
-    cols = poses.cols
-    col0 = max(area.col0 - cols_off, 0)
-    col1 = min(area.col1 + cols_off, cols)
-    # whole runs
-    col0 -= col0 % LANES
-    col1 = min(col1 + -col1 % LANES, cols)
-    for row in range(max(area.row0 - rows_off, 0), min(area.row1 + rows_off, poses.rows)):
-        first = (row + 1) * (cols + 2) + 1
-        poses.codes[first + col0 : first + col1] = UNCHECKED

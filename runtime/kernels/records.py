@@ -1,9 +1,9 @@
 """The records that kernels are given, by name, with the type, shape and unit of each field.
 
-They are handed over as plain tuples, and named on a kernel's first lines, ``grid = Grid(*grid)``:
-so a call takes what one with plain tuples does, and the lines below it read fields by name. A
-record within another is a plain tuple as well, until it is named. They stand here, as compiled
-kernels hold the places of their fields (`compiled.places`).
+They are handed over as plain tuples, so that a call takes what one with plain tuples does. A kernel
+that says which record a parameter is, ``grid: Grid``, reads its fields by name. A record within
+another is a plain tuple as well, and named with it where its field is annotated. They stand here,
+as compiled kernels hold the places of their fields (`compiled.places`).
 """
 
 from typing import Annotated, NamedTuple
@@ -189,13 +189,6 @@ class CostLimits(NamedTuple):
     """NaN and costs from here up are impassable."""
 
 
-class Bounds(NamedTuple):
-    """On the weights of passable cells."""
-
-    least: float
-    greatest: float
-
-
 class Rectangle(NamedTuple):
     """A part of a map by its first cell and its size."""
 
@@ -251,11 +244,8 @@ class Memory(NamedTuple):
     entries: Int32s
     """(2 · room,) the node of entry e at 2e, the next entry of its chain at 2e + 1."""
     control: Int64s
-    """What `FREE` and the others below say."""
     reals: Doubles
-    """What `BASE` and the others below say."""
-    counts: Int64s
-    """What `EXPANSIONS` and the others below say."""
+    """What `FREE` and `BASE`, and the others below them, say."""
     path: Int32s
     """(N, 2 or 3) cells of the path found, goal first, and of a body the state on each."""
 
@@ -265,8 +255,13 @@ USED = 1
 FINE_AT = 2
 BLOCK = 3
 LENGTH = 4
-CONTROL_SLOTS = 5
-"""Of `Memory.control`: the fields of a `Queue` that are whole numbers."""
+EXPANSIONS = 5
+BEST_NODE = 6
+GOAL_STATE = 7
+CONTROL_SLOTS = 8
+"""Of `Memory.control`: the fields of a `Queue` that are whole numbers; expansions so far; the
+expanded node nearest the goal, in the end the goal itself; the body's state at the goal, -1 until
+it has been reached."""
 BASE = 0
 INVERSE_WIDTH = 1
 REFUSED = 2
@@ -275,12 +270,6 @@ BOUND = 4
 REAL_SLOTS = 5
 """Of `Memory.reals`: those that are not; the least f of a node that the region refused; h of the
 best node; the bound on f."""
-EXPANSIONS = 0
-BEST_NODE = 1
-GOAL_STATE = 2
-COUNT_SLOTS = 3
-"""Of `Memory.counts`: expansions so far; the expanded node nearest the goal; the body's state at
-the goal, -1 until it has been reached."""
 
 
 class Queue(NamedTuple):
@@ -438,7 +427,7 @@ class FinerSteps(NamedTuple):
 
 
 class Searched(NamedTuple):
-    """What a search left in its memory."""
+    """What a search leaves in its memory, see `Memory`."""
 
     g: Floats
     meta: Int32s
@@ -496,20 +485,12 @@ class Lookup(NamedTuple):
     """(H,) and (W,)"""
 
 
-class RegionEnds(NamedTuple):
-    """Start and goal as nodes, and the blocks that belong to any region."""
+class RegionQuery(NamedTuple):
+    """Start and goal as nodes, the blocks that belong to any region, and how regions are found."""
 
     start: int
     goal: int
-    start_row: int
-    start_col: int
-    goal_row: int
-    goal_col: int
-
-
-class RegionRule(NamedTuple):
-    """How regions are found."""
-
+    blocks: tuple[tuple[int, int], tuple[int, int]]
     touching: bool
     """Whether each step of the grid leads to the same block or one that touches it: then blocks
     joined bound what cells are.
@@ -529,14 +510,6 @@ class ThresholdMemory(NamedTuple):
     """(blocks,) the next that waits there."""
     done: Bytes
     """(blocks,)"""
-
-
-class WalkMemory(NamedTuple):
-    """A workspace's memory, which the search that follows will touch too."""
-
-    meta: Int32s
-    """(2 · nodes,) at 2n the next node that waits, at 2n + 1 the search's number."""
-    stamp: int
 
 
 class RegionMarks(NamedTuple):

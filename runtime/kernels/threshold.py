@@ -19,11 +19,10 @@ from nnpp_edge.runtime.kernels.nodes import (
 from nnpp_edge.runtime.kernels.records import (
     Grid,
     Lookup,
-    RegionEnds,
     RegionMarks,
-    RegionRule,
+    RegionQuery,
+    Searched,
     ThresholdMemory,
-    WalkMemory,
 )
 from nnpp_edge.runtime.kernels.tiles import open_at
 
@@ -130,7 +129,7 @@ def _level_at(levels, lookup, node, stride):
 
 
 @inlined
-def _walkable_threshold(levels, lookup, grid, links, ends, most, heads, walk, until):
+def _walkable_threshold(levels, lookup, grid, links, query, most, heads, walk, until):
     """The largest level at which start and goal are joined by steps through cells whose blocks
     reach it.
 
@@ -141,15 +140,15 @@ def _walkable_threshold(levels, lookup, grid, links, ends, most, heads, walk, un
     stride = grid.stride
     waiting = walk.meta
     heads[:] = _NONE
-    goal_row = ends.goal // stride
-    goal_col = ends.goal % stride
-    width = min(most, _level_at(levels, lookup, ends.start, stride))
-    width = min(width, _level_at(levels, lookup, ends.goal, stride))
+    goal_row = query.goal // stride
+    goal_col = query.goal % stride
+    width = min(most, _level_at(levels, lookup, query.start, stride))
+    width = min(width, _level_at(levels, lookup, query.goal, stride))
     seen = walk.stamp << STAMP_SHIFT
-    waiting[2 * ends.start] = _NONE
-    waiting[2 * ends.start + 1] = seen
+    waiting[2 * query.start] = _NONE
+    waiting[2 * query.start + 1] = seen
     looked = 0
-    heads[width] = ends.start
+    heads[width] = query.start
     while True:
         # the newest node that waits at the highest level
         while heads[width] == _NONE:
@@ -158,7 +157,7 @@ def _walkable_threshold(levels, lookup, grid, links, ends, most, heads, walk, un
                 return -1
         node = int64(heads[width])
         heads[width] = waiting[2 * node]
-        if node == ends.goal:
+        if node == query.goal:
             return width
         row = node // stride
         col = node % stride
@@ -182,7 +181,7 @@ def _walkable_threshold(levels, lookup, grid, links, ends, most, heads, walk, un
 
 
 @kernel
-def fill_region(levels, threshold, start_row, start_col, goal_row, goal_col, stamp, radius, bitmap):
+def fill_region(levels, threshold, start, goal, stamp, radius, bitmap):
     """Number the blocks of {levels >= threshold}, and those within `radius` of them; start and goal
     always.
 
@@ -192,9 +191,8 @@ def fill_region(levels, threshold, start_row, start_col, goal_row, goal_col, sta
     cols = levels.shape[1] - 1
     for row in range(rows):
         for col in range(cols):
-            at_start = row == start_row and col == start_col
-            at_goal = row == goal_row and col == goal_col
-            if levels[row, col] >= threshold or at_start or at_goal:
+            at_end = (row, col) == start or (row, col) == goal
+            if levels[row, col] >= threshold or at_end:
                 for i in range(max(row - radius, 0), min(row + radius + 1, rows)):
                     for j in range(max(col - radius, 0), min(col + radius + 1, cols)):
                         bitmap[i, j] = stamp
@@ -206,10 +204,9 @@ def first_regions(
     lookup: Lookup,
     grid: Grid,
     links,
-    ends: RegionEnds,
-    rule: RegionRule,
+    query: RegionQuery,
     memory: ThresholdMemory,
-    walk: WalkMemory,
+    walk: Searched,
     marks: RegionMarks,
     until,
 ):
@@ -222,22 +219,22 @@ def first_regions(
     ----------
     probability : (B, B) float32
         In [0, 1].
-    lookup, grid, ends, rule, memory, walk, marks
-        `Lookup`, `Grid`, `RegionEnds`, `RegionRule`, `ThresholdMemory`, `WalkMemory` with the
-        number of a new search, and `RegionMarks`.
+    lookup, grid, query, memory, walk, marks
+        `Lookup`, `Grid`, `RegionQuery`, `ThresholdMemory`, `Searched` with the number of
+        a new search, and `RegionMarks`.
     links : (nodes,) uint8
         As for `expand`.
     """
     levels = memory.levels
     stride = grid.stride
-    blocks = (ends.start_row, ends.start_col, ends.goal_row, ends.goal_col)
     quantise(probability, levels)
     most = LEVELS - 1
-    if rule.touching:  # by the cells' own blocks: those of `ends` may be their neighbours
-        start = _block_at(lookup, ends.start, stride)
-        most = _widest(memory, start, _block_at(lookup, ends.goal, stride))
-    td = _walkable_threshold(levels, lookup, grid, links, ends, most, memory.heads, walk, until)
-    fill_region(levels, max(td, 0), *blocks, marks.stamp, 0, marks.at_td)
+    if query.touching:  # by the cells' own blocks: those of `query` may be their neighbours
+        start = _block_at(lookup, query.start, stride)
+        most = _widest(memory, start, _block_at(lookup, query.goal, stride))
+    td = _walkable_threshold(levels, lookup, grid, links, query, most, memory.heads, walk, until)
+    fill_region(levels, max(td, 0), *query.blocks, marks.stamp, 0, marks.at_td)
     if td > 0:
-        fill_region(levels, lowered(td, rule.factor), *blocks, marks.stamp, 0, marks.bitmap)
+        second = lowered(td, query.factor)
+        fill_region(levels, second, *query.blocks, marks.stamp, 0, marks.bitmap)
     return td

@@ -6,7 +6,6 @@ compile it anew into each kernel that calls it.
 """
 
 import numpy as np
-from numba.extending import overload
 from numpy import float32, inf, int64, uint64
 
 from nnpp_edge.runtime.compiled.kernel import helper, inlined, kernel
@@ -101,14 +100,10 @@ def open_tile(tiles: Tiles, i, j):
     state[i, j] |= tiles.wanted
 
 
+@inlined
 def open_there(tiles, i, j):
     """`open_tile`, for other kernels to call."""
-    open_tile(tiles, i, j)
-
-
-@overload(open_there)
-def _compiled_open_there(tiles, i, j):
-    return lambda tiles, i, j: call_at(tiles.open_tile, (tiles, i, j))
+    call_at(open_tile, tiles.open_tile, (tiles, i, j))
 
 
 @inlined

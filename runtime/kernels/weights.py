@@ -4,7 +4,7 @@ from numpy import float32, float64, inf, int32
 
 from nnpp_edge.runtime.compiled.kernel import kernel
 from nnpp_edge.runtime.kernels.pooling import NO_AREA, with_cell
-from nnpp_edge.runtime.kernels.records import Bounds, CostLimits
+from nnpp_edge.runtime.kernels.records import CostLimits
 
 _INF = float32(inf)
 _NOTHING_LOW = int32(_INF.view(int32))
@@ -42,9 +42,7 @@ def fill_costs(cost, limits: CostLimits, row0, row1, weights, stride):
 
 
 @kernel
-def write_costs(
-    cost, seen, limits: CostLimits, first, stride, weights, bounds: Bounds, nodes, old_weights
-):
+def write_costs(cost, seen, limits: CostLimits, first, stride, weights, bounds, nodes, old_weights):
     """Put the weights of a rectangle of costs into the map, from node `first` on, unless one is out
     of range.
 
@@ -58,8 +56,8 @@ def write_costs(
         Node of the first cell; nodes from one row to the next.
     weights : (nodes,) float32
         Written, unless a cost is out of range.
-    bounds
-        `Bounds` so far.
+    bounds : (least, greatest)
+        Of the weights of passable cells, so far.
     nodes, old_weights : (h·w,) int32, float32
         Written: the changed nodes and what they weighed. Nothing where they are empty.
 
@@ -67,10 +65,11 @@ def write_costs(
     -------
     tuple
         A cost that is out of range, inf if none is; the number of changed cells; whether one became
-        cheaper; the `Area` of them within the rectangle; the `Bounds`, widened; whether a cell that
+        cheaper; the `Area` of them within the rectangle; the bounds, widened; whether a cell that
         lay at a bound has changed.
     """
     rows, cols = cost.shape
+    least, greatest = bounds
     everywhere = seen.size == 0
     lowest = _INF
     highest = -_INF
@@ -100,10 +99,10 @@ def write_costs(
                 weights[node] = weight
                 changed += 1
                 cheaper = cheaper or weight < before
-                at_bound = at_bound or before == bounds.least or before == bounds.greatest
+                at_bound = at_bound or before in (least, greatest)
                 area = with_cell(area, row, col)
     if lowest < inf:
-        least = min(bounds.least, float64(lowest * limits.scale))
-        bounds = Bounds(least, max(bounds.greatest, float64(highest * limits.scale)))
+        least = min(least, float64(lowest * limits.scale))
+        greatest = max(greatest, float64(highest * limits.scale))
     part = (area.row0, area.row1, area.col0, area.col1) if changed else (0, 0, 0, 0)
-    return refused, changed, cheaper, part, (bounds.least, bounds.greatest), at_bound
+    return refused, changed, cheaper, part, (least, greatest), at_bound

@@ -207,7 +207,7 @@ class Grid:
             self.node(row, col),
             self.stride,
             self.weights,
-            bounds,  # `records.Bounds`
+            bounds,
             nodes,
             old,
         )

@@ -23,7 +23,6 @@ from nnpp_edge.runtime.arrays import Int32, UInt8, UInt16
 from nnpp_edge.runtime.bands import stripes
 from nnpp_edge.runtime.cells import Rectangle, above, widened
 from nnpp_edge.runtime.deadline import NEVER, Deadline
-from nnpp_edge.runtime.kernels import records
 from nnpp_edge.runtime.kernels.pooling import FACTOR, NO_LINKS, NO_PIECES, pool_and_link
 from nnpp_edge.runtime.kernels.records import Packed
 from nnpp_edge.runtime.map.grid import Grid, bordered
@@ -39,15 +38,15 @@ class Level:
     def __init__(
         self,
         grid: Grid,
-        pieces: UInt16 | None = None,
-        links: UInt8 | None = None,
+        pieces: UInt16 = NO_PIECES,
+        links: UInt8 = NO_LINKS,
     ) -> None:
         self.grid = grid
         self.links = links
-        """Directions in which each cell is linked to its neighbour, as bits; None on the finest
+        """Directions in which each cell is linked to its neighbour, as bits; empty on the finest
         level.
         """
-        self.pieces = NO_PIECES if pieces is None else pieces
+        self.pieces = pieces
         """The piece that each cell stands for, as bits for the cells that it covers, row by row."""
         self.version = 0
         """Number of times that it has changed."""
@@ -59,11 +58,9 @@ class Level:
     @property
     def packed(self) -> Packed:
         """As kernels take it."""
-        links = NO_LINKS if self.links is None else self.links
         grid = self.grid
-        return tuple(
-            records.Level(grid.weights, self.pieces, links, grid.stride, grid.rows, grid.cols)
-        )
+        size = (grid.stride, grid.rows, grid.cols)
+        return (grid.weights, self.pieces, self.links, *size)  # `records.Level`
 
 
 class Pyramid:

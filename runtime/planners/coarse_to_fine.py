@@ -125,7 +125,7 @@ class CoarseLevel:
 
     def open_dead_ends(self) -> None:
         """Open again what was closed."""
-        if self._closed is not None and self.level.links is not None:
+        if self._closed is not None:
             self.level.links |= self._closed
             self._closed = None
 

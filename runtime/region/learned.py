@@ -9,7 +9,7 @@ from nnpp_edge.runtime.arrays import Float2D, Int32, UInt8
 from nnpp_edge.runtime.cells import Cell, Endpoints, coarser
 from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
 from nnpp_edge.runtime.kernels import threshold as kernels
-from nnpp_edge.runtime.kernels.pooling import FACTOR, NO_LINKS
+from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.kernels.records import ThresholdMemory
 from nnpp_edge.runtime.kernels.threshold import lowered
 from nnpp_edge.runtime.map.pyramid import Level
@@ -95,15 +95,12 @@ class RegionFinder:
         self.stamp += 1
         grid = level.grid
         start, goal = ends
-        links = NO_LINKS if level.links is None else level.links
-        walked = probability, lookup, grid.packed, links
-        start_block, goal_block = blocks
+        walked = probability, lookup, grid.packed, level.links
         nodes = (grid.node(*start), grid.node(*goal))
         asked = (
-            (*nodes, *start_block, *goal_block),  # `records.RegionEnds`
-            (touching, factor),  # `records.RegionRule`
+            (*nodes, blocks, touching, factor),  # `records.RegionQuery`
             tuple(self._memory),
-            (workspace.meta, workspace.next_stamp()),  # `records.WalkMemory`
+            (workspace.g, workspace.meta, workspace.next_stamp()),  # `records.Searched`
             (self.stamp, self.at_td, self.bitmap),  # `records.RegionMarks`
         )
         td = kernels.first_regions(*walked, *asked, deadline.at)
@@ -115,7 +112,7 @@ class RegionFinder:
         """Number the blocks at or above a threshold in `bitmap`; the number is `stamp`."""
         self.stamp += 1
         levels = self._memory.levels
-        kernels.fill_region(levels, threshold, *start, *goal, self.stamp, radius, self.bitmap)
+        kernels.fill_region(levels, threshold, start, goal, self.stamp, radius, self.bitmap)
 
     def region(self, lookup: Lookup) -> Region:
         """The blocks marked last, as a region of the grid whose rows and columns lie in the blocks

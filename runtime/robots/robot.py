@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from nnpp_edge.runtime.arrays import Bool, Cells, Float2D, Float32s, Floats
+from nnpp_edge.runtime.arrays import Bool, Cells, Float2D, Float32s, Floats, UInt8
 from nnpp_edge.runtime.cells import Cell, Rectangle, widened
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -21,7 +21,6 @@ from nnpp_edge.runtime.kernels.paths import measure, walk
 from nnpp_edge.runtime.kernels.records import Hints, Packed
 from nnpp_edge.runtime.options import CELLS
 from nnpp_edge.runtime.search.astar import (
-    Links,
     Query,
     Search,
     Spreading,
@@ -227,7 +226,7 @@ class CellMoves:
         place = (grid, start, goal, workspace, region)
         return astar(*place, hints=hints, limit=limit, deadline=deadline)
 
-    def spreading(self, grid: "Grid", workspace: Workspace, links: Links = None) -> Spreading:
+    def spreading(self, grid: "Grid", workspace: Workspace, links: UInt8) -> Spreading:
         """How its costs spread from a cell to all others."""
         return spreading(grid, links)
 

@@ -17,6 +17,7 @@ from nnpp_edge.runtime.cells import Cell, as_cell
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.kernels import expansion as kernels
+from nnpp_edge.runtime.kernels.expansion import NO_LINKS
 from nnpp_edge.runtime.kernels.nodes import EXHAUSTED, FOUND, FULL, PAUSED
 from nnpp_edge.runtime.kernels.records import (
     BEST_NODE,
@@ -43,8 +44,6 @@ if TYPE_CHECKING:
 _BETWEEN_LOOKS = 1 << 14
 """Expansions after which is looked whether enough is known."""
 WITHOUT_END = int(np.iinfo(np.int64).max >> 1)
-Links = UInt8 | None
-"""The directions in which each node may be left, as bits; None where passability decides."""
 Parts = tuple[Any, ...]
 NOWHERE = 0
 """Of the border, which is impassable: the goal of a search that is to have none."""
@@ -134,7 +133,7 @@ def astar(
     workspace: Workspace,
     region: Region | None = None,
     *,
-    links: Links = None,
+    links: UInt8 = NO_LINKS,
     hints: Hints | None = None,
     backwards: bool = False,
     beyond: float = 0.0,
@@ -148,7 +147,7 @@ def astar(
     start, goal : (row, col)
         Passable cells; with a region, which alone is searched, cells inside it.
     links : (nodes,) uint8
-        The directions in which each cell may be left, as bits; by default all.
+        The directions in which each cell may be left, as bits; by default passability decides.
     hints
         Of landmarks on this grid and these links: fewer cells are expanded, for the same cost.
     backwards : bool
@@ -173,15 +172,14 @@ def astar(
     farthest = 1.0 + beyond if beyond else kernels.BELOW
     rule = Rule(*grid.prices, width, _successors(grid, links, edges), farthest)
     landmarks = kernels.NO_HINTS if hints is None else tuple(hints)
-    before = (grid.packed, edges, _ways(links), allowed(region), landmarks)
+    before = (grid.packed, edges, links, allowed(region), landmarks)
     search = Spreading(kernels.expand, before, rule)
     ends = Ends(first, last)
     code, length, expansions, refused = run(
         *search, ends, workspace, limit or WITHOUT_END, deadline
     )
-    end = last if code == FOUND else int(workspace.counts[BEST_NODE])
     trace = partial(kernels.trace, stride=grid.stride)
-    return traced(trace, workspace, code, end, length, expansions, refused)
+    return traced(trace, workspace, code, length, expansions, refused)
 
 
 def run(
@@ -201,7 +199,7 @@ def run(
     """
     begun = 0
     if ends.start == ON:
-        begun = int(workspace.counts[EXPANSIONS])
+        begun = int(workspace.control[EXPANSIONS])
     elif anew:
         workspace.next_stamp()
     left = most
@@ -210,7 +208,7 @@ def run(
         found: Parts = kernel(*before, tuple(ends), tuple(rule), workspace.packed, tuple(limits))
         code, *_ = found
         # it has ended, or done all that it may
-        left = begun + most - int(workspace.counts[EXPANSIONS])
+        left = begun + most - int(workspace.control[EXPANSIONS])
         if code not in (FULL, PAUSED) or left <= 0:
             return found
         # it is late, or has no room; in slices it goes on later
@@ -225,19 +223,16 @@ def traced(
     trace: Callable[..., int],
     ws: Workspace,
     code: int,
-    end: int,
     length: int,
     spent: int,
     refused: float,
 ) -> Search:
-    """The outcome of a search that came to `end`, with its path."""
+    """The outcome of a search, with the path to where it ended."""
     if code == EXHAUSTED:
         return Search.without_path(Status.NO_PATH, spent, refused, ws.path.shape[1])
-    if code == FULL:  # out of time just when the open list had to grow
-        length = trace(ws.meta, end, out=ws.path)
     if length > len(ws.path):
         ws.path = np.empty((length, ws.path.shape[1]), np.int32)
-        trace(ws.meta, end, out=ws.path)
+        trace(ws.meta, int(ws.control[BEST_NODE]), out=ws.path)
     status = Status.OK if code == FOUND else Status.TIMEOUT
     return Search(status, ws.path[length - 1 :: -1].copy(), spent, refused)
 
@@ -247,14 +242,10 @@ def allowed(region: Region | None) -> Parts:
     return kernels.NO_REGION if region is None else tuple(region)
 
 
-def _ways(links: Links) -> UInt8:
-    return kernels.NO_LINKS if links is None else links
-
-
-def spreading(grid: "Grid", links: Links = None) -> Spreading:
+def spreading(grid: "Grid", links: UInt8 = NO_LINKS) -> Spreading:
     """How a point's costs spread."""
     edges = grid.robot.price.edges()
-    steps = (grid.packed, edges, _ways(links))
+    steps = (grid.packed, edges, links)
     width = bucket_width(grid, edges)
     rule = Rule(0.0, 0.0, width, _successors(grid, links, edges), kernels.BELOW)
     return Spreading(kernels.expand, (*steps, kernels.NO_REGION, kernels.NO_HINTS), rule)
@@ -264,7 +255,7 @@ def settle_all(
     grid: "Grid",
     source: Cell,
     workspace: Workspace,
-    links: Links = None,
+    links: UInt8 = NO_LINKS,
     deadline: Deadline = NEVER,
 ) -> None:
     """Search from a passable cell until nothing is left: the workspace then holds every cell's cost
@@ -278,7 +269,7 @@ def _settling(
     grid: "Grid",
     source: Cell,
     workspace: Workspace,
-    links: Links = None,
+    links: UInt8 = NO_LINKS,
     most: int = WITHOUT_END,
     deadline: Deadline = NEVER,
 ) -> Iterator[float]:
@@ -341,8 +332,8 @@ def bucket_width(grid: "Grid", edges: Float32s | None, hints: Hints | None = Non
     return grid.prices[0] * (by_grid if hints is None else BUCKET_WIDTH_BY_LANDMARKS)
 
 
-def _successors(grid: "Grid", links: Links, edges: Float32s | None) -> Int64:
+def _successors(grid: "Grid", links: UInt8, edges: Float32s | None) -> Int64:
     """The steps from a cell that its best predecessor leaves to search."""
-    if links is not None or edges is not None:
+    if len(links) or edges is not None:
         return kernels.SUCCESSORS[0]
     return kernels.SUCCESSORS[2 if grid.corner_cutting and grid.model.kind is StepCost.PAPER else 1]

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from nnpp_edge.runtime.arrays import Bool
+from nnpp_edge.runtime.arrays import Bool, UInt8
 from nnpp_edge.runtime.cells import Cell
-from nnpp_edge.runtime.kernels.expansion import MOST_LANDMARKS
+from nnpp_edge.runtime.kernels.expansion import MOST_LANDMARKS, NO_LINKS
 from nnpp_edge.runtime.kernels.records import Hints
-from nnpp_edge.runtime.search.astar import Links, settle_all
+from nnpp_edge.runtime.search.astar import settle_all
 from nnpp_edge.runtime.search.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ class Landmarks:
     its size.
     """
 
-    def __init__(self, grid: "Grid", workspace: Workspace, links: Links = None) -> None:
+    def __init__(self, grid: "Grid", workspace: Workspace, links: UInt8 = NO_LINKS) -> None:
         self._grid = grid
         self._workspace = workspace
         self._links = links

@@ -18,11 +18,9 @@ from nnpp_edge.runtime.kernels.records import (
     BASE,
     BLOCK,
     CONTROL_SLOTS,
-    COUNT_SLOTS,
     FINE_AT,
     INVERSE_WIDTH,
     REAL_SLOTS,
-    Memory,
     Packed,
 )
 from nnpp_edge.runtime.memory import virtual_zeros
@@ -80,7 +78,6 @@ class Workspace:
         self.control = np.zeros(CONTROL_SLOTS, np.int64)
         self.entries = np.empty(2 * min(max(nodes // 2, 1024), 1 << 16), np.int32)
         self.reals = np.zeros(REAL_SLOTS)
-        self.counts = np.zeros(COUNT_SLOTS, np.int64)
         self.path = np.empty((min(nodes, 4096), 2 if states == 1 else 3), np.int32)
 
     @property
@@ -97,18 +94,15 @@ class Workspace:
     @property
     def packed(self) -> Packed:
         """All of it, for the newest search, as kernels take it."""
-        return tuple(
-            Memory(
-                self.g,
-                self.meta,
-                self.stamp,
-                self.heads,
-                self.entries,
-                self.control,
-                self.reals,
-                self.counts,
-                self.path,
-            )
+        return (  # `records.Memory`
+            self.g,
+            self.meta,
+            self.stamp,
+            self.heads,
+            self.entries,
+            self.control,
+            self.reals,
+            self.path,
         )
 
     def costs(self, nodes: Int64 | slice = slice(None)) -> Float32s:

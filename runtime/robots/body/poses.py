@@ -34,11 +34,10 @@ from nnpp_edge.runtime.kernels.poses import (
     AXIS_COUNT,
     FAILS,
     MOST_CODE,
+    UNCHECKED,
     check_all,
     check_run,
     figures_of,
-    forget_poses,
-    put_heights,
     standing_codes,
 )
 from nnpp_edge.runtime.kernels.records import (
@@ -188,10 +187,12 @@ class Poses:
             known = (height for line in heights for height in line[np.isfinite(line)][:1])
             self._base = np.float32(next(known, np.nan))
         place = self._margin + row, self._margin + col
-        put_heights(np.ascontiguousarray(heights), self._base, self._unknown, self.heights, *place)
         here = slices((*place, *heights.shape))
+        there = self.heights[here]
+        there[:] = self._unknown
+        np.subtract(heights, self._base, out=there, where=np.isfinite(heights))
         if shut is not None:
-            self.heights[here][shut] = np.inf
+            there[shut] = np.inf
         if added.size:
             self._added[here] = added
 
@@ -210,10 +211,14 @@ class Poses:
         motions may have changed.
         """
         self._put(row, col, heights, shut, added)
-        rows, cols = heights.shape
-        area = (row, row + rows, col, col + cols)  # `records.Area`
-        forget_poses(self.packed, area, self.reach)
-        return widened((row, col, rows, cols), self.reach, self.shape)
+        near = widened((row, col, *heights.shape), self.reach, self.shape)
+        rows, cols = slices(near)
+        # whole runs, within the border
+        first = cols.start - cols.start % LANES
+        last = min(cols.stop + -cols.stop % LANES, self.shape[1])
+        codes = self.codes.reshape(self.shape[0] + 2, self.shape[1] + 2, -1)
+        codes[rows.start + 1 : rows.stop + 1, first + 1 : last + 1] = UNCHECKED
+        return near
 
     def complete(self) -> None:
         """Check all motions that are not checked yet."""

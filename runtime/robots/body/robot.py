@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from nnpp_edge.runtime.arrays import Bool, Cells, Floats
+from nnpp_edge.runtime.arrays import Bool, Cells, Floats, UInt8
 from nnpp_edge.runtime.cells import Cell, Rectangle, Sides
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -33,7 +33,7 @@ from nnpp_edge.runtime.robots.robot import (
     Robot,
     Stance,
 )
-from nnpp_edge.runtime.search.astar import Links, Query, Search, Spreading
+from nnpp_edge.runtime.search.astar import Query, Search, Spreading
 from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
@@ -178,7 +178,7 @@ class BodyMoves(CellMoves):
                 from_goal = self._from_goal = FromGoal(grid, query, workspace.from_goal)
         return search_states(grid, query, workspace, region, from_goal, limit)
 
-    def spreading(self, grid: "Grid", workspace: Workspace, links: Links = None) -> Spreading:
+    def spreading(self, grid: "Grid", workspace: Workspace, links: UInt8) -> Spreading:
         everywhere = np.ones(workspace.states, np.bool_)
         return spreading(grid, workspace, everywhere, ~everywhere)
 

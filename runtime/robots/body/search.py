@@ -35,7 +35,6 @@ from nnpp_edge.runtime.kernels.nodes import (
     octile,
 )
 from nnpp_edge.runtime.kernels.records import (
-    BEST_NODE,
     DOWN,
     RIGHT,
     Ends,
@@ -286,8 +285,7 @@ def _traced(grid: "Grid", workspace: Workspace, code: int, length: int) -> Searc
     """The path that the search of the states came to."""
     prices = tuple(grid.robot.states().prices)
     trace = partial(trace_states, prices=prices, frame=_frame(grid, workspace))
-    end = int(workspace.counts[BEST_NODE])
-    found = traced(trace, workspace, code, end, length, 0, math.inf)
+    found = traced(trace, workspace, code, length, 0, math.inf)
     path = found.path
     if grid.robot.moves.columns == 2:  # cells alone, of those that it turns on one
         moved = np.any(np.diff(path[:, :2], axis=0, prepend=-1), axis=1)
