@@ -274,14 +274,6 @@ class DynamicPlanner(OnMap):
         return self._state.grid.walk(path, 0, np.empty(len(path)))
 
     @one_at_a_time
-    def reach(self, start: Cell | None = None) -> Float2D:
-        """As `Planner.reach`, by default from where the robot is. A search that goes on is
-        dropped.
-        """
-        self._searching = None
-        return self._reach(self._place().start if start is None else start)
-
-    @one_at_a_time
     def standing(self) -> Standing:
         """State of the last path on the current map, from the robot's current cell."""
         if not self._leads_to_goal:

@@ -29,6 +29,7 @@ from nnpp_edge.runtime.planners.methods import Methods, file_of
 from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.runtime.planners.query import in_words, problem_with
 from nnpp_edge.runtime.search.astar import cost_field
+from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.tuning import NEAR
 
 if TYPE_CHECKING:
@@ -236,15 +237,24 @@ class OnMap:
 
         return refined(plan, self._state, deadline)
 
-    def _reach(self, start: Cell, within: float = math.inf) -> Float2D:
-        """As `Planner.reach`."""
+    @checked(InvalidQueryError)
+    @one_at_a_time
+    def reach(self, start: Cell, within: float = math.inf) -> Float2D:
+        """Costs of reaching every cell from one: (H, W) float32, of the cheapest path to each.
+
+        inf where there is none, or none that costs at most `within`, in units of ``step_cost``:
+        seconds, say. InvalidQueryError where the start is no cell, outside the map or impassable,
+        or `within` is below 0.
+        """
         if not within >= 0.0:
             raise InvalidQueryError(f"within must be a number of at least 0, got {within}")
         cell = as_cell(start, "start")
         grid = self._state.grid
         if problem := problem_with(grid, cell, cell):
             raise InvalidQueryError(f"start {cell} {in_words(problem)}")
-        field = cost_field(grid, cell, self._methods.astar.workspace)
+        # of its own: another search may be paused meanwhile
+        memory = Workspace(len(grid.weights), grid.robot.moves.states_a_node, sparse=True)
+        field = cost_field(grid, cell, memory)
         field[field > within] = np.inf
         return field
 

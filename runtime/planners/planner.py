@@ -192,17 +192,6 @@ class Planner(OnMap):
         )
         return replace(found, plan=found.plan.over(self._state))
 
-    @checked(InvalidQueryError)
-    @one_at_a_time
-    def reach(self, start: Cell, within: float = math.inf) -> Float2D:
-        """Costs of reaching every cell from one: (H, W) float32, of the cheapest path to each.
-
-        inf where there is none, or none that costs at most `within`, in units of ``step_cost``:
-        seconds, say. InvalidQueryError where the start is no cell, outside the map or impassable,
-        or `within` is below 0.
-        """
-        return self._reach(start, within)
-
     @one_at_a_time
     def came_to(self, start: Cell) -> tuple[Bool, bool]:
         """Right after a `plan` from this cell with NO_PATH: the cells (H, W) to which its search

@@ -164,7 +164,8 @@ class Searching:
         return float(self._memory.costs(slice(node, node + 1))[0])
 
     def __del__(self) -> None:
-        if self.is_here:
+        if self.is_here and not self._search.dead:
+            self._search.parent = getcurrent()  # perhaps another search
             self._search.throw()
 
     def nothing_yet(self, reason: str) -> Plan:

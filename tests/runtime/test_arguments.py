@@ -109,7 +109,7 @@ METHODS = {
         "move": {"start": (3, 3)},
         "is_passable": {"cell": (3, 3)},
         "update": PATCH,
-        "reach": {},
+        "reach": {"start": (1, 2)},
         "replan": {"method": "astar"},
         "refined": {"plan": Planner(COST).plan((1, 2), (3, 3), method="astar")},
     },

@@ -36,6 +36,7 @@ from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.planners import joining
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseLevel
 from nnpp_edge.runtime.planners.dynamic import DynamicMethod
+from nnpp_edge.runtime.planners.methods import Methods
 from nnpp_edge.runtime.planners.standing_path import Footing
 from tests.pose_oracles import rocks
 from tests.strategies import flat
@@ -223,7 +224,7 @@ def test_a_slice_does_little_more_than_its_time_allows(robot):
     assert max(checked) <= 6000 and np.quantile(checked, 0.99) <= 800
 
 
-@pytest.mark.parametrize("drop", ["goal", "method", "at once", "reach", "broken off"])
+@pytest.mark.parametrize("drop", ["goal", "method", "at once", "broken off"])
 def test_a_search_that_is_dropped_opens_the_links_that_it_closed(robot, drop, monkeypatch):
     """A body's search closes links of coarse levels: posts, between which none passes, are cheap on
     average. Their gap is aside.
@@ -253,8 +254,6 @@ def test_a_search_that_is_dropped_opens_the_links_that_it_closed(robot, drop, mo
         planner.set_goal((100, 20))
     elif drop == "method":
         planner.replan(method="astar", time_limit_s=0.0, goes_on=True)
-    elif drop == "reach":
-        planner.reach()
     elif drop == "broken off":
         with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
             patch.setattr(planner.state, "put", interrupted)
@@ -406,6 +405,21 @@ def test_another_thread_begins_a_search_anew(robot):
     with ThreadPoolExecutor(1) as other:
         plan = other.submit(planner.replan, goes_on=True).result()
     assert plan.ok and not planner.searching
+
+
+def test_a_search_that_is_dropped_within_another_ends_alone(robot, monkeypatch):
+    dem = rocks(5, *SHAPE, 0.004)
+    dropped = [moving(robot, dem)]
+    dropped[0].replan(time_limit_s=0.0, goes_on=True)
+    assert dropped[0].searching
+    plan = Methods.plan
+
+    def dropping(*given, **options):
+        dropped.clear()
+        return plan(*given, **options)
+
+    monkeypatch.setattr(Methods, "plan", dropping)
+    assert sliced(moving(robot, dem))[0].ok
 
 
 def test_a_search_that_raised_is_over(robot):

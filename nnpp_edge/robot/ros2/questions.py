@@ -211,9 +211,10 @@ class Questions:
             cell = frame.cell(goal.x, goal.y)
             if not planner.state.grid.holds(cell):
                 return _failed(Status.GOAL_OUTSIDE_MAP, f"the map has {planner.shape} cells")
-            planner.move(frame.cell(start.x, start.y), frame.heading_deg(start.yaw_rad))
+            begin = frame.cell(start.x, start.y)
+            planner.move(begin, frame.heading_deg(start.yaw_rad))
             if tolerance_m > 0.0:
-                reached = nearest(np.isfinite(planner.reach()), cell)
+                reached = nearest(np.isfinite(planner.reach(begin)), cell)
                 if math.dist(reached, cell) * frame.resolution <= tolerance_m:
                     cell = reached
             planner.set_goal(cell, frame.heading_deg(goal.yaw_rad))
