@@ -19,7 +19,6 @@ from nnpp_edge.runtime.cells import (
     Sides,
     above,
     enclosing,
-    holding,
     slices,
     widened,
 )
@@ -184,8 +183,8 @@ class DirectedPrice(Price):
         return self._edges.reshape(self.shape[0] + 2, self.shape[1] + 2, -1)
 
     def follow(self, change: "Change", part: Rectangle, *, heights: bool) -> "Change":
-        """Bring the steps up to date after a change of the weights, and of the heights in
-        `part`.
+        """Bring the steps up to date after a change of the weights, and of the heights in `part`.
+        All that leave the cells there or beside them count as changed.
         """
         new = part if heights else (0, 0, 0, 0)
         if len(self._ground) and new[2]:
@@ -194,16 +193,9 @@ class DirectedPrice(Price):
         parts = [each for each in (new, change.part) if each[2] and each[3]]
         if not parts:
             return change
-        row, col, rows, cols = part = widened(enclosing(parts), (1, 1), self.shape)
-        here = self.padded[slices((row + 1, col + 1, rows, cols))]
-        before = here.copy()
-        self._compute(part)
-        changed = (here != before).any(2)
-        if not changed.any():
-            return change
-        found = np.argwhere(changed) + np.array((row, col))
-        parts = [holding(found), change.part] if change.cells else [holding(found)]
-        return change._replace(part=enclosing(parts), cells=max(change.cells, len(found)))
+        around = widened(enclosing(parts), (1, 1), self.shape)
+        self._compute(around)
+        return change._replace(part=around, cells=around[2] * around[3])
 
     def edges(self, backwards: bool = False) -> Edges:
         return self._edges
