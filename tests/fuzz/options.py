@@ -92,7 +92,7 @@ _SIZES = str.split(
 _ODD_WORDS = (*_PLACES, *_SIZES, *WORDS, *NUMBERS)
 _INPUTS = str.split(
     "in/dem.npz in/dem.npy in/dem.tif in/dem.png in/dem.asc in/cost.npz in/drive.jsonl "
-    "in/profile.toml in/tiny.onnx in/dem.asc in/set"
+    "in/profile.toml in/tiny.onnx in/set"
 )
 _ODD = ["", *str.split(". odd/loop odd/null odd/link"), "odd/" + "x" * 300, "y/" * 2500 + "x"]
 _ODD_INPUTS = [
