@@ -102,8 +102,8 @@ def reads_by_windows(
     need = f"{cells} need {_bytes(wanted)} in memory, {_bytes(room)} {left}"
     if whole:
         raise InvalidQueryError(
-            f"{need}: with a vehicle, a directed step cost or a figure it is planned in memory "
-            "alone, so cut out a part of the map (--crop)"
+            f"{need}: with a vehicle or a directed step cost it is planned in memory alone, so cut "
+            "out a part of the map (--crop)"
         )
     warnings.warn(f"{need}: read by windows", stacklevel=2)
     return True

@@ -193,7 +193,6 @@ def opened_raster(path: Path, *, by_windows: bool = False) -> Iterator[Raster]:
         if not by_windows:
             yield raster
             return
-        raster.check_whole()
         high, wide = raster.block
         row_of_blocks = high * (raster.shape[1] + wide) * raster.dtype.itemsize
         with rasterio.Env(GDAL_CACHEMAX=max(_LEAST_CACHE_BYTES, 5 * row_of_blocks // 2)):

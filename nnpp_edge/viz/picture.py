@@ -9,14 +9,12 @@ blue, green, red.
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import NamedTuple, TypeVar
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.files import write_whole
 from nnpp_edge.runtime.arrays import Bool, Cells, Float2D, Floats, headings_along
 from nnpp_edge.runtime.cells import Cell, Rectangle, Sides, holding, slices, widened
 from nnpp_edge.runtime.map.along import Line
@@ -407,11 +405,6 @@ def refused_on(planner: Planner) -> Shade | None:
 def png_bytes(picture: Picture) -> bytes:
     """Encode a picture as PNG."""
     return cv2.imencode(".png", picture, (cv2.IMWRITE_PNG_COMPRESSION, 4))[1].tobytes()
-
-
-def save_picture(path: Path, picture: Picture) -> None:
-    """Write a PNG, whole or not at all; OutputError if it cannot be written."""
-    write_whole(path, png_bytes(picture))
 
 
 def _tints(plan: Plan, refused: Shade | None, reached: Reached | None) -> Iterator[Tint]:

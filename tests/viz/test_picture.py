@@ -2,13 +2,12 @@
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 
 from nnpp_edge.runtime import Method, Plan, Planner, Source, Vehicle
 from nnpp_edge.runtime.cells import slices
-from nnpp_edge.runtime.errors import OutputError, Status
+from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels.poses import REFUSALS
 from nnpp_edge.viz.palette import DRIVEN, GOAL, OPTIMUM, PATH, REFUSED, REGION, START
 from nnpp_edge.viz.picture import (
@@ -20,7 +19,6 @@ from nnpp_edge.viz.picture import (
     cost_picture,
     hillshade,
     plan_picture,
-    save_picture,
     tinted,
 )
 from tests.strategies import uniform
@@ -163,15 +161,6 @@ def test_maps_of_any_shape_are_drawn(shape):
     picture = plan_picture(Chart(cost, cost, (0.3, 0.3)), plan, *ends)
     assert picture.dtype == np.uint8 and picture.shape[1] >= 800
     assert count(picture, START) > 10
-
-
-def test_a_picture_is_written_whole(tmp_path):
-    picture = Chart(some_cost(20, 30), None, (1.0, 1.0)).picture()
-    save_picture(tmp_path / "map.png", picture)
-    np.testing.assert_array_equal(cv2.imread(str(tmp_path / "map.png")), picture)
-    with pytest.raises(OutputError, match="could not be written"):
-        save_picture(tmp_path / "map.png" / "below.png", picture)
-    assert [path.name for path in tmp_path.iterdir()] == ["map.png"]
 
 
 @pytest.mark.parametrize("vehicle", [Vehicle(2.0, 1.0, 0.3), Vehicle(radius_m=0.7)])
