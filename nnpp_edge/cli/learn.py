@@ -32,7 +32,7 @@ _COLUMNS = columns(
 )
 
 
-def _printed(words: list[str]) -> str:
+def output_of(words: list[str]) -> str:
     """What a command prints on stdout; it ends this one, too, where its exit code is not 0."""
     from nnpp_edge.cli.main import cli
 
@@ -110,7 +110,7 @@ def command(
     for number, words in enumerate(steps, 1):
         line = list(map(str, words))
         tell(f"[{number}/6] {shlex.join(['nnpp-edge', *line])}")
-        printed = _printed(line)
+        printed = output_of(line)
         tell(printed)
 
     network = int8 if "recommended: int8" in printed else fp32

@@ -86,17 +86,12 @@ def pinned(cores: Sequence[int]) -> Iterator[tuple[list[int], list[str]]]:
     gives the cores in use, and a warning where they are not those wanted.
     """
     before = os.sched_getaffinity(0)
-    missing = sorted(set(cores) - before)
-    spare = sorted(before - set(cores))
-    got = sorted({*(set(cores) & before), *spare[: len(missing)]})
+    others = sorted(before - set(cores))
+    got = sorted([*(before & set(cores)), *others][: len(cores)])
     said = []
-    if missing:
-        wanted, lacking, instead = (
-            ", ".join(map(str, sorted(each))) for each in (cores, missing, got)
-        )
-        words = f"wanted cores {wanted}, of which {lacking} may not be used here: runs on {instead}"
-        fewer = len(cores) - len(got)
-        said.append(f"{words}, {fewer} fewer" if fewer > 0 else words)
+    if got != sorted(cores):
+        wanted, instead = (", ".join(map(str, each)) for each in (sorted(cores), got))
+        said.append(f"wanted cores {wanted}, not all of which may be used here: runs on {instead}")
     _pin(got)
     try:
         yield got, said

@@ -127,14 +127,16 @@ def run(
     """
     load = profile.load
     maps = ProfileMaps(load)
-    session = _Session(profile, rivals, sensors)
+    by_name = {rival.name: rival for rival in rivals}
+    harness = Harness()
+    meter = EnergyMeter()
     found = Measurements(Rows(), Rows(), [Disturbance(cores) for _ in range(HALVES)])
     places = list(product(load.workloads, load.sizes))
     done = 0
     for half, (workload, size) in product(range(HALVES), places):
         terrain = source_of(maps.dems, size)
-        place = {"workload": workload, "size": size, "terrain": terrain}
-        session.begin({**place, "half": half}, found)
+        at = {"workload": workload, "size": size, "terrain": terrain, "half": half}
+        session = _Session(profile, by_name, sensors, harness, meter, at, found)
         for on_map, queries in solvable(maps.maps(workload, size), load.queries):
             session.measure(on_map, queries)
             done += len(queries)
@@ -147,85 +149,77 @@ def queries_in(load: Load) -> int:
     return HALVES * len(load.workloads) * len(load.sizes) * load.queries
 
 
+@dataclass
 class _Session:
-    """Measures the planners map by map, with the clock, sensors and meter of the whole run."""
+    """Measures the planners on the maps of one workload and size, in one half of the run."""
 
-    def __init__(
-        self,
-        profile: Profile,
-        rivals: Sequence[RivalPlanner],
-        sensors: Sensors | None,
-    ) -> None:
-        self._profile = profile
-        self._rivals = {rival.name: rival for rival in rivals}
-        self._sensors = sensors
-        self._harness = Harness()
-        self._meter = EnergyMeter()
-
-    def begin(self, at: Row, found: Measurements) -> None:
-        """What is measured from now on is of this workload and size, in this half."""
-        place = (at["workload"], at["size"])
-        self._at = at
-        self._found = found
-        self._disturbance = found.disturbance[at["half"]]
-        self._queries = 0
-        self._reacts = place in self._profile.measured_at("reaction")
-        self._plain = place in self._profile.measured_at("plain_ratio")
+    profile: Profile
+    rivals: Mapping[str, RivalPlanner]
+    sensors: Sensors | None
+    harness: Harness
+    meter: EnergyMeter
+    at: Row
+    """Of every row."""
+    found: Measurements
+    queries: int = 0
+    """That are answered."""
 
     def measure(self, on_map: Case, queries: list[Endpoints]) -> None:
         """Have all planners answer the queries on one map; then the profile's on this map as if it
         had just arrived, and the loop where a budget asks for its reactions.
         """
-        first = self._queries
+        first = self.queries
+        place = (self.at["workload"], self.at["size"])
         rows = self._answered(on_map, queries)
         self._arriving(on_map.ground, queries, rows)
-        if self._reacts and not first:
-            patches = self._profile.load.patches
-            reacted = reactions(on_map.ground, queries, self._profile.loop, patches)
-            self._found.reactions += [self._at | row for row in reacted]
+        if not first and place in self.profile.measured_at("reaction"):
+            patches = self.profile.load.patches
+            reacted = reactions(on_map.ground, queries, self.profile.loop, patches)
+            self.found.reactions += [self.at | row for row in reacted]
+        plain = place in self.profile.measured_at("plain_ratio")
         for query, answers in zip(queries[: max(_MOST_PLAIN - first, 0)], rows, strict=False):
-            if self._plain:
+            if plain:
                 call = partial(_plain_astar, on_map, query)
-                plain_ms = 1e3 * self._harness.timed(call)[0]
+                plain_ms = 1e3 * self.harness.timed(call)[0]
                 for row in answers.values():
                     row["plain_ms"] = plain_ms
-        self._found.answers += [row for answers in rows for row in answers.values()]
+        self.found.answers += [row for answers in rows for row in answers.values()]
 
     def _answered(self, on_map: Case, queries: list[Endpoints]) -> list[dict[str, Row]]:
         """For each query a row for each planner."""
-        disturbance = self._disturbance
-        of_rivals = OnMap(on_map, self._rivals.values())
+        disturbance = self.found.disturbance[self.at["half"]]
+        of_rivals = OnMap(on_map, self.rivals.values())
         networks = {
             name: rival.model
-            for name, rival in self._rivals.items()
+            for name, rival in self.rivals.items()
             if rival.method is Method.NNPP and rival.model is not None
         }
         if on_map.ground.vehicle is not None:  # where no network is used
             networks.clear()
         energies_mj = defaultdict[str, list[float]](list)
-        energy = self._meter.read()
+        energy = self.meter.read()
         worked_s = 0.0
 
         def before(name: str) -> None:
             nonlocal energy, worked_s
             of_rivals.renew(name)
-            if self._sensors is not None and self._sensors.due():
-                disturbance.left_out(self._sensors.read)
-            energy = self._meter.read()
+            if self.sensors is not None and self.sensors.due():
+                disturbance.left_out(self.sensors.read)
+            energy = self.meter.read()
             worked_s = time.thread_time()
 
         def after(name: str, elapsed_s: float, plan: Plan) -> None:
             worked = time.thread_time() - worked_s
-            energies_mj[name].append(self._meter.since_mj(energy))
+            energies_mj[name].append(self.meter.since_mj(energy))
             if plan.method is Method.NNPP:  # this thread may have waited for threads of its own
                 disturbance.leave_out(elapsed_s, worked)
 
         for call in of_rivals.calls.values():
             call(queries[0])  # the map's own work, and warm caches
-        repeats = self._profile.load.repeats
+        repeats = self.profile.load.repeats
         found = []
         disturbance.start()
-        for records in self._harness.measure(
+        for records in self.harness.measure(
             of_rivals.calls, queries, repeats=repeats, before=before, after=after
         ):
             rows = {name: self._row(name, records) for name in records}
@@ -235,13 +229,13 @@ class _Session:
             energies_mj.clear()
             # networks last, so that no planner follows what others do not; each on the map that it
             # was shown last, encoded anew, and a query
-            times = disturbance.left_out(partial(inference_ms, networks, self._harness))
+            times = disturbance.left_out(partial(inference_ms, networks, self.harness))
             for name, ms in times.items():
                 rows[name]["inference_ms"] = ms
             if "nnpp-fp32" in times:
                 rows["nnpp"]["fp32_ms"] = times["nnpp-fp32"]
             found.append(rows)
-            self._queries += 1
+            self.queries += 1
         disturbance.stop()
         return found
 
@@ -251,21 +245,21 @@ class _Session:
         exact_s, optimum = records[EXACT].middle()
         stages_ms = {stage: ms for stage, ms in plan.timings_ms.items() if stage != "total"}
         stages_ms["other"] = 1e3 * seconds - sum(stages_ms.values())
-        row = {"planner": name, "query": self._queries, "stages_ms": stages_ms}
+        row = {"planner": name, "query": self.queries, "stages_ms": stages_ms}
         figures = answer(plan, 1e3 * seconds, optimum, 1e3 * exact_s)
-        return {**self._at, **row, **figures}
+        return {**self.at, **row, **figures}
 
     def _arriving(
         self, ground: Ground, queries: list[Endpoints], rows: list[dict[str, Row]]
     ) -> None:
         """Times of maps and patches that have just arrived, into the rows of the queries."""
-        for name in self._rivals.keys() & self._profile.arriving:
-            own = self._rivals[name].apart()
-            arrival_ms(own, ground, queries[0], self._harness)  # kernels loaded
+        for name in self.rivals.keys() & self.profile.arriving:
+            own = self.rivals[name].apart()
+            arrival_ms(own, ground, queries[0], self.harness)  # kernels loaded
             for query, answers in zip(queries, rows, strict=True):
                 times = [
-                    arrival_ms(own, ground, query, self._harness)
-                    for _ in range(self._profile.load.repeats)
+                    arrival_ms(own, ground, query, self.harness)
+                    for _ in range(self.profile.load.repeats)
                 ]
                 map_ms, patch_ms = np.median(times, axis=0).tolist()
                 answers[name] |= {"map_ms": map_ms, "patch_ms": patch_ms}

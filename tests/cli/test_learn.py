@@ -40,7 +40,7 @@ def test_steps_say_all_that_they_need_and_what_is_recommended_is_compared(run, m
             Path("own/run/best.pt").touch()
         return f"recommended: {take}. It pays."
 
-    monkeypatch.setattr("nnpp_edge.cli.learn._printed", printed)
+    monkeypatch.setattr("nnpp_edge.cli.learn.output_of", printed)
     monkeypatch.setattr("nnpp_edge.cli.learn._compared", lambda network, *_: f"by {network}")
     np.savez("dem.npz", elevation_m=np.zeros((512, 128), np.float32), cell_size_m=1.0)
     ended = run("learn dem.npz -o own")
@@ -81,10 +81,10 @@ def test_one_line_leads_from_a_map_to_a_verdict_and_goes_on_where_it_was_stopped
     assert (found.name, found.precision, found.omega, limit) == ("own", "int8", 0.02, 30.0)
     assert found.training["dataset"]["cell_sizes_m"] == []
 
-    def without_models(words, printed=learn._printed):
-        return printed(words) if words[0] in ("dataset", "train") else "recommended: int8"
+    def without_models(words, output_of=learn.output_of):
+        return output_of(words) if words[0] in ("dataset", "train") else "recommended: int8"
 
-    monkeypatch.setattr(learn, "_printed", without_models)
+    monkeypatch.setattr(learn, "output_of", without_models)
     more = run(f"{words} --queries 5 --json")
     assert {path: path.stat().st_mtime_ns for path in stamps} == stamps, "made again"
     assert Path("me/run/best.pt").read_bytes() == weights, "trained on"

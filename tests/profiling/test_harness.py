@@ -96,20 +96,5 @@ def test_garbage_is_not_collected_while_calls_are_timed(clock):
     assert seen == [False, True, False, True, False] and gc.isenabled()
 
 
-def test_what_a_rival_raises_ends_the_measurement_and_cases_are_taken_one_by_one(clock):
-    def breaks(case):
-        if case == "bad":
-            raise ValueError("no path")
-
-    taken = []
-    cases = (taken.append(case) or case for case in ("fine", "bad"))
-    rivals = {"good": taking(clock, [1.0] * 2), "breaks": breaks}
-    measured = Harness(clock=clock).measure(rivals, cases)
-    assert next(measured)["good"].elapsed_s == (1.0,) and taken == ["fine"]
-    with pytest.raises(ValueError, match="no path"):
-        next(measured)
-    assert gc.isenabled()
-
-
 def test_a_gap_is_a_share_of_the_optimum_also_where_energy_is_got_back():
     assert (gap(1.5, 1.0), gap(-1.0, -2.0), gap(0.0, 0.0)) == (0.5, 0.5, 0.0)

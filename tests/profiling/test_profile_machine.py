@@ -95,7 +95,7 @@ def test_cores_that_are_missing_are_said():
     have = os.sched_getaffinity(0)
     with pinned([*have, 4000]) as (cores, said):
         assert set(cores) == have
-    assert len(said) == 1 and "4000" in said[0] and "1 fewer" in said[0]
+    assert len(said) == 1 and "4000, not all of which" in said[0]
     with pinned([4000]) as (cores, said):
         assert cores == [min(have)] and "4000" in said[0]
 

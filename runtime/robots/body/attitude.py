@@ -109,7 +109,7 @@ def explain(poses: Poses, cell: Cell, heading_deg: float) -> PoseCheck:
         raise InvalidQueryError(f"cell must lie on the map of {rows} × {cols} cells, got {cell}")
     if not math.isfinite(heading_deg):
         raise InvalidQueryError(f"heading_deg must be a number of degrees, got {heading_deg}")
-    slope, pitch, roll, step, up = _standing(poses, np.array([(*cell, heading_deg)]))[0].tolist()
+    slope, pitch, roll, step, up = _standing(poses, cell, heading_deg).tolist()
     values = (math.atan(slope), pitch, roll, step, up)
     most = limits_of(poses.vehicle, poses.weights)[1:6].tolist()
     passed = [not value <= limit for value, limit in zip(values, most, strict=True)]
@@ -120,37 +120,13 @@ def explain(poses: Poses, cell: Cell, heading_deg: float) -> PoseCheck:
     return PoseCheck(cell, heading_deg % 360.0, refused is None, refused, *limits)
 
 
-def costs_at(poses: Poses, places: Floats) -> Floats:
-    """(N,) T of the vehicle at places (N, 3) on the map: row and column from the middle of cell (0,
-    0), and degrees clockwise from grid north; inf where it may not stand.
-    """
-    at = places[:, :2] + 0.5
-    inside = ((at > 0.0) & (at < poses.shape)).all(1)
-    found = np.full(len(places), np.inf)
-    limits = limits_of(poses.vehicle, poses.weights).astype(np.float64)
-    values = _standing(poses, places[inside])
-    values[:, 0] = np.arctan(values[:, 0])
-    shares = values / limits[1:6]
-    rated = shares[:, [0, 4, 3]] @ limits[6:]
-    found[inside] = np.where((shares <= 1.0).all(1), rated, np.inf)
-    return found
-
-
-def _standing(poses: Poses, places: Floats) -> Floats:
-    """(N, 5) bounds of slope, pitch, roll, step and rise at places as in `costs_at`, inside the
-    map.
-    """
-    cells = np.rint(places[:, :2])
-    angles = np.radians(places[:, 2])
-    offsets = places[:, :2] - cells
-    numbers = np.column_stack((offsets, -np.cos(angles), np.sin(angles)))
-    alone = [[motions.MotionPose(*each)] for each in numbers.tolist()]
-    tables = motions.motions_of(poses.vehicle, poses.sides_m, alone)
-    found = [
-        poses.figures((row, col), n, tables)[0, :5]
-        for n, (row, col) in enumerate(cells.astype(int).tolist())
-    ]
-    return np.array(found)
+def _standing(poses: Poses, cell: Cell, heading_deg: float) -> Floats:
+    """(5,) bounds of slope, pitch, roll, step and rise of one pose."""
+    angle = math.radians(heading_deg)
+    pose = motions.MotionPose(0.0, 0.0, -math.cos(angle), math.sin(angle))
+    tables = motions.motions_of(poses.vehicle, poses.sides_m, [[pose]])
+    bounds: Floats = poses.figures(cell, 0, tables)[0, :5]
+    return bounds
 
 
 def greatest(poses: Poses, cell: Cell, motion: int) -> Floats:
