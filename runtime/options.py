@@ -30,17 +30,18 @@ class Entry(NamedTuple):
     name: str
     help: str
     find: str
-    """Name of a method of `planners.methods.Methods`, of (query, work); empty of one that `chooses`
-    among the others.
+    """Name of a method of `planners.methods.Methods`, of (query, work); or ``module:function`` of
+    (methods, query, work), imported when first asked for. Empty of one that `chooses`.
     """
     needs: frozenset[str] = frozenset()
     """Of ``levels`` and ``network``."""
-    exact: bool = False
-    """Whether its paths are optimal."""
+    bound: float = math.inf
+    """No path of it costs more than so many times the optimum: 1 is exact, inf is not known."""
     robots: frozenset[str] = frozenset((CELLS, STATES))
     """For which robots it is."""
     instead: tuple[str, str] = ("", "")
-    """The method that plans for other robots, and why, which their plans tell."""
+    """The method that plans for other robots, and why, which their plans tell; without one they are
+    refused."""
     keeps: str = ""
     """Of one that is kept from query to query, on a map that changes: that whose steps it makes."""
     chooses: bool = False
@@ -65,7 +66,7 @@ METHODS = {
             chooses=True,
             in_slices=True,
         ),
-        Entry("astar", "exact, over the whole map", "search_map", exact=True),
+        Entry("astar", "exact, over the whole map", "search_map", bound=1.0),
         Entry(
             "corridor",
             "coarse to fine, without learning",
@@ -85,7 +86,7 @@ METHODS = {
             "dstar",
             "D* Lite over the whole map: exact, repaired from step to step",
             "mend_map",
-            exact=True,
+            bound=1.0,
             robots=_CELLS,
             instead=("astar", _NO_REPAIRS),
             keeps="astar",

@@ -1,10 +1,12 @@
 """The ways of finding a path on one map: what they share is made when first needed."""
 
+import math
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import cache, cached_property, partial
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -165,7 +167,8 @@ class Methods:
         """The plan of a query, by the first way of a method that finds an answer, as the last one
         does.
 
-        It is of the first where an end cannot be stood on, or time is up.
+        It is of the first where an end cannot be stood on, or time is up. InvalidQueryError where
+        the method does not serve this robot.
         """
         state = self.state
         robot = state.grid.robot
@@ -190,6 +193,9 @@ class Methods:
         assert found is not None
         if query.direction >= 0 or query.wanted is not None:  # no steps are counted there
             found = found._replace(lower_bound=found.lower_bound - robot.at_ends(query))
+        within = METHODS[by].bound
+        if 1.0 < within < math.inf and found.search.status is Status.OK:
+            found = found._replace(lower_bound=max(found.cost / within, 0.0))
         plan = found.plan(by, work, state, checked_before, choice=why, keep_regions=keep_regions)
         if plan.status is not Status.NO_PATH:
             return plan
@@ -200,13 +206,22 @@ class Methods:
         return replace(plan, reason=f"{plan.reason}; {ended}") if ended else plan
 
     def ways(self, method: str, query: Query) -> Sequence[Way]:
-        """How a path is found by a method, and why that one."""
+        """How a path is found by a method, and why that one; InvalidQueryError where it does not
+        serve this robot.
+        """
         entry = METHODS[method]
         if entry.chooses:
             return self.choose(query)
-        if self.state.grid.robot.moves.over in entry.robots:
+        over = self.state.grid.robot.moves.over
+        if over in entry.robots:
             return [_way(method)]
-        return [_way(*entry.instead)._replace(by=DynamicMethod(method))]
+        other, why = entry.instead
+        if not other:
+            fit = ", ".join(each.name for each in METHODS.values() if over in each.robots)
+            raise InvalidQueryError(
+                f"method {method!r} does not plan for this robot, over {over}: wanted one of {fit}"
+            )
+        return [_way(other, why)._replace(by=DynamicMethod(method))]
 
     def choose(self, query: Query) -> Sequence[Way]:
         """How ``auto`` finds a path: by what figures say of the map, the robot and the distance."""
@@ -352,4 +367,6 @@ class Methods:
 @cache
 def _way(method: str, why: str = "") -> Way:
     """How a path is found by a method that chooses among no others."""
-    return Way(DynamicMethod(method), why, getattr(Methods, METHODS[method].find))
+    find = METHODS[method].find
+    finder = resolve_name(find) if ":" in find else getattr(Methods, find)
+    return Way(DynamicMethod(method), why, finder)
