@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 
 from nnpp_edge.runtime import DynamicPlanner, Ground, Planner, Vehicle
 from nnpp_edge.runtime.arrays import curvatures
-from nnpp_edge.runtime.compiled.kernel import helper
+from nnpp_edge.runtime.compiled.kernel import kernel
 from nnpp_edge.runtime.deadline import Deadline
+from nnpp_edge.runtime.kernels import records
 from nnpp_edge.runtime.kernels.any_angle import NO_DISC, cost_along, ground_of
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.planners.refine import refined
@@ -21,8 +22,8 @@ from tests import oracles
 from tests.strategies import Case, cases, flat, uniform
 
 
-@helper
-def line_cost(grid, room, points):
+@kernel
+def line_cost(grid: records.Grid, room: records.Room, points):
     """The line integral along way points (N, 2); inf if a leg is not clear."""
     return cost_along(ground_of(grid, room), points)
 
