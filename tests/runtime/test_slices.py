@@ -256,7 +256,7 @@ def test_a_search_that_is_dropped_opens_the_links_that_it_closed(robot, drop, mo
         planner.replan(method="astar", time_limit_s=0.0, goes_on=True)
     elif drop == "broken off":
         with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-            patch.setattr(planner.state, "put", interrupted)
+            patch.setattr(planner.state, "update", interrupted)
             planner.update(0, 0, flat(1, 1))
         planner.standing()
     else:
