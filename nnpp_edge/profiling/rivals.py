@@ -87,13 +87,10 @@ class OnMap:
     """Rivals on a map that stands, each as a function of a query."""
 
     def __init__(self, case: Case, rivals: Iterable[RivalPlanner], *, lazy: bool = True) -> None:
+        self._ground = case.standing
+        self._lazy = lazy
         self._rivals = {rival.name: rival for rival in rivals}
-        self._make = {
-            name: partial(rival.planner, case.standing, lazy=lazy)
-            for name, rival in self._rivals.items()
-        }
-        self._planners = {name: make() for name, make in self._make.items()}
-        self._renewed = case.ground.vehicle is not None
+        self._planners = {name: self._planner(name) for name in self._rivals}
         self.calls = {name: partial(self.plan, name) for name in self._rivals}
 
     def plan(self, name: str, query: Endpoints, *, keep_regions: bool = False) -> Plan:
@@ -103,8 +100,11 @@ class OnMap:
 
     def renew(self, name: str) -> None:
         """With a vehicle make a rival's planner anew, which then has checked no pose."""
-        if self._renewed and name in self._planners:
-            self._planners[name] = self._make[name]()
+        if self._ground.vehicle is not None and name in self._planners:
+            self._planners[name] = self._planner(name)
+
+    def _planner(self, name: str) -> FindsPlans:
+        return self._rivals[name].planner(self._ground, lazy=self._lazy)
 
 
 def exact_and(methods: Iterable[str], models: Mapping[str, NetworkModel]) -> list[RivalPlanner]:

@@ -12,12 +12,10 @@ from nnpp_edge.outcome import gap
 from nnpp_edge.robot.transports.recording import RecordedSource
 from nnpp_edge.runtime import (
     Counters,
-    Goal,
     Loop,
     Navigator,
     PathMessage,
     Planner,
-    Pose,
     Sink,
 )
 from nnpp_edge.runtime.arrays import Cells, Float2D
@@ -138,7 +136,8 @@ def simulate(
     rng = np.random.default_rng([settings.seed, 2])
     scene = Scene(ground, start, goal, rng, settings)
     course = _Course(scene, settings, rng)
-    navigator = _navigator(scene, settings)
+    told = ground.as_told(scene.told)
+    navigator = Navigator(told, settings.method, model=settings.model, **settings.steps)
     sinks = list(make_sinks(navigator.map))
     recorders = [sink for sink in sinks if isinstance(sink, Recorder)]
     source = RecordedSource(scene, recorders, navigator.count_error, wait=True)
@@ -256,17 +255,3 @@ def _connected(
     raise InvalidQueryError(
         f"no two connected cells {least:.0f} apart were found on the map; give start and goal"
     )
-
-
-def _navigator(scene: Scene, settings: SimulationSettings) -> Navigator:
-    """A navigator on the robot's first map, in a process that has loaded all it needs."""
-
-    def navigator() -> Navigator:
-        ground = scene.ground.as_told(scene.told)
-        return Navigator(ground, settings.method, model=settings.model, **settings.steps)
-
-    first = navigator()
-    first.offer(Pose(*scene.robot))
-    first.offer(Goal(*scene.goal))
-    first.tick()
-    return navigator()

@@ -268,17 +268,19 @@ def test_start_up_is_measured_where_a_budget_asks_for_it(run, told, profile, mon
         '{ name = "first plan", quantity = "start_up_warm_s", limit = 1, direction = "at '
         'most", unit = "s" },'
     )
-    profile(changes={"]\n[device]": f"{budget}\n]\n[device]"})
+    profile(changes={"]\n[device]": f"{budget}\n]\n[device]", **ALONE})
     found = told("profile --profile tiny.toml")
     assert asked == [("nnpp", False)] and found["besides"]["start_up_warm_s"] == {"nnpp": 0.5}
     assert found["budgets"][-1]["verdict"] == "pass"
-    profile()
+    profile(changes=ALONE)
     assert run("profile --profile tiny.toml --start-up").code == 0
     assert asked[1:] == [
         *((name, False) for name in ("auto", "astar", "corridor", "nnpp")),
         ("auto", True),
     ]
-    profile(changes={"]\n[device]": f"{budget.replace('start_up', 'first_tick')}\n]\n[device]"})
+    profile(
+        changes={"]\n[device]": f"{budget.replace('start_up', 'first_tick')}\n]\n[device]", **ALONE}
+    )
     found = told("profile --profile tiny.toml")
     assert asked[6:] == [("auto", True)] and found["besides"]["first_tick_warm_s"] == {"loop": 0.5}
     assert found["budgets"][-1]["verdict"] == "pass" and found["budgets"][-1]["planner"] == "loop"

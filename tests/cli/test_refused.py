@@ -155,7 +155,7 @@ profile render                                 | missing argument 'REPORT'
 profile --queries 5 compare a.json b.json      | compare
 profile --profile slow                         | 'slow' | quick
 evaluate                                       | give either --terrain FILE or --synthetic
-evaluate text.txt --methods astar              | text.txt: wanted GeoTIFF
+evaluate --terrain text.txt --methods astar    | text.txt: wanted GeoTIFF
 $EVAL --methods best                           | --methods must be of auto, astar | got best
 $EVAL --methods astar --sizes 512              | at least 512 × 512 cells
 run --map text.txt --ticks 1                   | text.txt: wanted GeoTIFF
