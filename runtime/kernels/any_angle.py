@@ -19,7 +19,7 @@ from numpy import float64, inf, int64, uint64
 
 from nnpp_edge.runtime.compiled.kernel import helper, inlined, kernel
 from nnpp_edge.runtime.kernels.nodes import COL, ROW
-from nnpp_edge.runtime.kernels.records import Grid, Ground, Leg, Room
+from nnpp_edge.runtime.kernels.records import GridRecord, GroundRecord, Leg, Room
 from nnpp_edge.runtime.kernels.tiles import open_there
 
 TOUCH = 1e-6
@@ -42,11 +42,11 @@ _ROUNDING = 1.0 - 1e-7
 
 @helper
 def ground_of(grid, room):
-    """`Ground` of a `Grid` and a `Room`."""
+    """`GroundRecord` of a `GridRecord` and a `Room`."""
     steps = grid.steps
     per_cell = steps.length_straight
     per_weight = 2.0 * steps.weight_straight
-    return Ground(grid.weights, grid.stride, per_cell, per_weight, grid.corner_cutting, room)
+    return GroundRecord(grid.weights, grid.stride, per_cell, per_weight, grid.corner_cutting, room)
 
 
 @helper
@@ -316,7 +316,7 @@ def cost_along(ground, points):
 
 
 @kernel
-def line_cost(grid: Grid, room: Room, points):
+def line_cost(grid: GridRecord, room: Room, points):
     """The line integral along way points, (N, 2) float64; inf if a leg is not clear."""
     return cost_along(ground_of(grid, room), points)
 

@@ -87,7 +87,7 @@ class Grid:
         tiles = COMPLETE if self.tiles is None else self.tiles.packed(self._level)
         steps = self.model.steps  # `records.StepTerms`
         self.packed: Packed = tuple(
-            records.Grid(self.weights, self.stride, steps, self.corner_cutting, tiles)
+            records.GridRecord(self.weights, self.stride, steps, self.corner_cutting, tiles)
         )
 
     @classmethod
