@@ -21,9 +21,9 @@ def kernel(function: FunctionType) -> NumbaObject:
     """Compile `function` without the GIL, cached in our folders; `function.py_func` is the plain
     Python.
 
-    A parameter that is annotated with a record, ``grid: Grid``, is given as a plain tuple: to hand
-    over a NamedTuple takes 5 µs. It gets its name within, which takes no time. No kernel keeps or
-    returns an array that it is given: references to them are not counted.
+    A parameter that is annotated with a record, ``grid: GridRecord``, is given as a plain tuple: to
+    hand over a NamedTuple takes 5 µs. It gets its name within, which takes no time. No kernel keeps
+    or returns an array that it is given: references to them are not counted.
 
     Work is shared between cores by threads that call kernels, not by numba's own parallel loops:
     those may not be entered from two threads at once, nor after a fork. A division by zero gives

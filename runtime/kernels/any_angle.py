@@ -19,7 +19,7 @@ from numpy import float64, inf, int64, uint64
 
 from nnpp_edge.runtime.compiled.kernel import helper, inlined
 from nnpp_edge.runtime.kernels.nodes import COL, ROW
-from nnpp_edge.runtime.kernels.records import Ground, Leg, Room
+from nnpp_edge.runtime.kernels.records import GroundRecord, Leg, Room
 from nnpp_edge.runtime.kernels.tiles import open_there
 
 TOUCH = 1e-6
@@ -42,11 +42,11 @@ _ROUNDING = 1.0 - 1e-7
 
 @helper
 def ground_of(grid, room):
-    """`Ground` of a `Grid` and a `Room`."""
+    """`GroundRecord` of a `GridRecord` and a `Room`."""
     steps = grid.steps
     per_cell = steps.length_straight
     per_weight = 2.0 * steps.weight_straight
-    return Ground(grid.weights, grid.stride, per_cell, per_weight, grid.corner_cutting, room)
+    return GroundRecord(grid.weights, grid.stride, per_cell, per_weight, grid.corner_cutting, room)
 
 
 @helper

@@ -17,7 +17,7 @@ from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.kernels.records import (
     FinerLevel,
     FloodMemory,
-    Grid,
+    GridRecord,
     Marks,
     Searched,
     Width,
@@ -122,7 +122,7 @@ def _read_ahead(path, finer):
 
 @kernel
 def surround(
-    grid: Grid,
+    grid: GridRecord,
     edges,
     links,
     start,

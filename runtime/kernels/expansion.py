@@ -53,12 +53,12 @@ from nnpp_edge.runtime.kernels.records import (
     BEST_NODE,
     EXPANSIONS,
     Ends,
-    Grid,
+    GridRecord,
     Hints,
     Judge,
     Limits,
     Memory,
-    Region,
+    RegionRecord,
     Rule,
     StepTerms,
     Task,
@@ -73,7 +73,7 @@ NO_HINTS = tuple(
     Hints(np.empty((0, MOST_LANDMARKS), float32), np.empty(MOST_LANDMARKS, float32), 0.0)
 )
 _NO_BLOCKS = np.empty(0, np.int32)
-NO_REGION = tuple(Region(np.empty((0, 0), np.int32), _NO_BLOCKS, _NO_BLOCKS, 0))
+NO_REGION = tuple(RegionRecord(np.empty((0, 0), np.int32), _NO_BLOCKS, _NO_BLOCKS, 0))
 """Of a search without these: a flag, where None would compile another search."""
 BELOW = 1.0 - 1e-6
 """Nodes that promise an improvement smaller than g's rounding are left alone."""
@@ -219,10 +219,10 @@ def _set_out(start, h, width, memory):
 
 @kernel
 def expand(
-    grid: Grid,
+    grid: GridRecord,
     edges,
     links,
-    region: Region,
+    region: RegionRecord,
     hints: Hints,
     ends: Ends,
     rule: Rule,

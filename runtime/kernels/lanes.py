@@ -27,18 +27,18 @@ class Run(types.Type):
     vector = ir.VectorType(ir.FloatType(), LANES)
 
 
-class Mask(types.Type):
+class MaskOfLanes(types.Type):
     """Which lanes of a run are meant."""
 
     vector = ir.VectorType(ir.IntType(1), LANES)
 
 
 RUN = Run("Run")
-MASK = Mask("Mask")
+MASK = MaskOfLanes("MaskOfLanes")
 
 
 @register_model(Run)
-@register_model(Mask)
+@register_model(MaskOfLanes)
 class _Vector(models.PrimitiveModel):
     def __init__(self, manager, kind):
         super().__init__(manager, kind, kind.vector)

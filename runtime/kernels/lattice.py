@@ -73,12 +73,12 @@ from nnpp_edge.runtime.kernels.records import (
     Field,
     FieldRule,
     FieldTask,
-    Frame,
+    FrameRecord,
     Limits,
     Memory,
-    Poses,
+    PosesRecord,
     Prices,
-    Region,
+    RegionRecord,
     Seeds,
     StateJudge,
     StateRule,
@@ -227,7 +227,7 @@ def _step(code, node, local, way, fare, edges, unit):
 
 
 @kernel
-def trace_states(meta, state, prices: Prices, frame: Frame, out):
+def trace_states(meta, state, prices: Prices, frame: FrameRecord, out):
     """Write the states from one back to the start, (row, col, number), into `out`, as far as it
     reaches; how many.
     """
@@ -314,10 +314,10 @@ def _relax_ray(i, j, k, on, g_node, onwards, task, front):
 
 @kernel
 def fill_field(
-    poses: Poses,
+    poses: PosesRecord,
     edges,
     prices: Prices,
-    region: Region,
+    region: RegionRecord,
     seeds: Seeds,
     ends,
     rule: FieldRule,
@@ -331,7 +331,7 @@ def fill_field(
     Parameters
     ----------
     poses, prices, region, seeds, rule, memory, limits
-        `Poses`, `Prices`, `Region`, `Seeds`, `FieldRule`, `Memory` of the nodes, and `Limits`.
+        Records, see `kernels.records`; `Memory` of the nodes.
     edges : (nodes, 16) float32
         As for `expand_states`.
     ends : (goal, start)
@@ -528,11 +528,11 @@ def _relax(row, col, local, way, g_state, expansions, task, front, settled):
 
 @kernel
 def expand_states(
-    poses: Poses,
+    poses: PosesRecord,
     edges,
     prices: Prices,
     field: Field,
-    region: Region,
+    region: RegionRecord,
     ends: Ends,
     rule: StateRule,
     memory: Memory,
@@ -543,8 +543,8 @@ def expand_states(
     Parameters
     ----------
     poses, prices, field, region, ends, rule, memory, limits
-        `Poses`, `Prices`, `Field`, `Region`, `Ends`, which are nodes, `StateRule`, `Memory` of the
-        states, and `Limits`. What a motion needs of `poses` is checked.
+        Records, see `kernels.records`; `Memory` of the states. What a motion needs of `poses` is
+        checked.
     edges : (nodes, 16) float32
         What the leg that leaves a node in each direction costs, inf where there is none; without
         any, legs cost by what they are checked to be.
@@ -620,7 +620,7 @@ def expand_states(
 
 
 @kernel
-def walk_states(poses: Poses, prices: Prices, path, first, costs):
+def walk_states(poses: PosesRecord, prices: Prices, path, first, costs):
     """Write what a body's path (N, 2) costs from its cell `first` to each later one into `costs`
     (N,).
 
@@ -652,7 +652,7 @@ def walk_states(poses: Poses, prices: Prices, path, first, costs):
 
 
 @kernel
-def walk_primitives(poses: Poses, prices: Prices, path, first, costs):
+def walk_primitives(poses: PosesRecord, prices: Prices, path, first, costs):
     """Write what a path of states (N, 3) costs from its state `first` to each later one into
     `costs` (N,).
 

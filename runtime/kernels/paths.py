@@ -6,7 +6,7 @@ from numpy import float64, inf, int64
 
 from nnpp_edge.runtime.compiled.kernel import inlined, kernel
 from nnpp_edge.runtime.kernels.nodes import COL, ROW, beside_wall, octile, step_cost
-from nnpp_edge.runtime.kernels.records import Grid
+from nnpp_edge.runtime.kernels.records import GridRecord
 from nnpp_edge.runtime.kernels.tiles import open_at
 
 
@@ -25,7 +25,7 @@ def node_on(path, n, stride):
 
 
 @kernel
-def measure(grid: Grid, path):
+def measure(grid: GridRecord, path):
     """Cost of a path of cells, straight and diagonal steps, and the sum of the cells' weights."""
     terms = grid.steps
     straight = 0
@@ -100,7 +100,7 @@ def savings(weights, before, touched, count, stride, at, goal, prices):
 
 
 @kernel
-def walk(grid: Grid, path, first, costs):
+def walk(grid: GridRecord, path, first, costs):
     """Costs of a path from its cell `first` to each of the later ones; the first that cannot be
     stepped on, or -1.
     """

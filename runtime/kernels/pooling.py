@@ -17,7 +17,7 @@ from nnpp_edge.runtime.kernels.nodes import (
     neighbour,
     rows_around,
 )
-from nnpp_edge.runtime.kernels.records import Area, Level
+from nnpp_edge.runtime.kernels.records import Area, LevelRecord
 
 NO_AREA = Area(1 << 31, 0, 1 << 31, 0)
 """That holds no cell."""
@@ -351,15 +351,15 @@ def link(finer, corner_cutting, area, coarse):
 
 
 @kernel
-def pool_and_link(finer: Level, corner_cutting, obstacle, area: Area, coarse: Level):
+def pool_and_link(finer: LevelRecord, corner_cutting, obstacle, area: Area, coarse: LevelRecord):
     """Bring a rectangle of coarse cells up to date with the finer level, and the links of the cells
     around it.
 
     Parameters
     ----------
     finer, coarse
-        `Level`: the finer one, whose pieces and links are empty where passability decides, and the
-        coarse one, written.
+        The finer level, whose pieces and links are empty where passability decides, and the coarse
+        one, written.
     corner_cutting : bool
         Whether a diagonal step of the finest level may pass an impassable cell.
     obstacle : float

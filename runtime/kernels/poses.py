@@ -5,8 +5,8 @@ Motions are checked a run at a time, `LANES` cells of a row, where a search firs
 about as long as two or three motions would take one by one. docs/vehicle-check.md has the
 definitions and proof, `robots.body.motions` the tables.
 
-The kernels are given `Poses`. Those that look call `check_run` by its address: numba would else
-compile it anew into each of them.
+The kernels are given `PosesRecord`. Those that look call `check_run` by its address: numba would
+else compile it anew into each of them.
 """
 
 from numpy import float32, inf, int32, uint16, uint64
@@ -45,7 +45,7 @@ from nnpp_edge.runtime.kernels.records import (
     SWEPT_TURN,
     Figures,
     Plane,
-    Poses,
+    PosesRecord,
 )
 from nnpp_edge.runtime.kernels.traversability import arc_tangent
 
@@ -310,7 +310,7 @@ def _first_height(poses, row, col):
 
 
 @kernel
-def figures_of(poses: Poses, row, col, motion, out):
+def figures_of(poses: PosesRecord, row, col, motion, out):
     """Figures of a motion's poses from a cell, and their slopes, into `out` (P, 7)."""
     tables = poses.tables
     scratch = poses.scratch
@@ -324,7 +324,7 @@ def figures_of(poses: Poses, row, col, motion, out):
 
 
 @kernel
-def check_run(poses: Poses, row, col, motion):
+def check_run(poses: PosesRecord, row, col, motion):
     """Check a motion from all cells of the run that a cell lies in, and write what is found of it.
 
     What a motion comes to, one from M on of the body standing in a direction, is left in the
@@ -375,7 +375,7 @@ def check_there(poses, row, col, motion):
 
 
 @kernel
-def standing_codes(poses: Poses, row, out):
+def standing_codes(poses: PosesRecord, row, out):
     """Codes of the body standing on the cells of a row, in each direction, into `out` (8, W)."""
     first = poses.codes.shape[1]
     for k in range(AXIS_COUNT):
@@ -386,7 +386,7 @@ def standing_codes(poses: Poses, row, out):
 
 
 @kernel
-def check_all(poses: Poses):
+def check_all(poses: PosesRecord):
     """Check all motions that are not checked yet."""
     codes = poses.codes
     for row in range(poses.rows):

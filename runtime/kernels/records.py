@@ -1,9 +1,9 @@
 """The records that kernels are given, by name, with the type, shape and unit of each field.
 
 They are handed over as plain tuples, so that a call takes what one with plain tuples does. A kernel
-that says which record a parameter is, ``grid: Grid``, reads its fields by name. A record within
-another is a plain tuple as well, and named with it where its field is annotated. They stand here,
-as compiled kernels hold the places of their fields (`compiled.places`).
+that says which record a parameter is, ``grid: GridRecord``, reads its fields by name. A record
+within another is a plain tuple as well, and named with it where its field is annotated. They stand
+here, as compiled kernels hold the places of their fields (`compiled.places`).
 """
 
 from typing import Annotated, NamedTuple
@@ -92,7 +92,7 @@ LEVEL_COLUMNS = 4
 """Of `TileSource.levels`: rows, columns, stride and first node."""
 
 
-class Tiles(NamedTuple):
+class TilesRecord(NamedTuple):
     """Which tiles of a map of heights have been computed, for a search of one of its levels."""
 
     state: Bytes
@@ -107,7 +107,7 @@ class Tiles(NamedTuple):
     """Address of `open_tile`."""
 
 
-class Grid(NamedTuple):
+class GridRecord(NamedTuple):
     """The map that is searched (`map.grid.Grid`)."""
 
     weights: Floats
@@ -117,10 +117,10 @@ class Grid(NamedTuple):
     steps: Annotated[Packed, StepTerms]
     corner_cutting: bool
     """Whether a diagonal step may pass beside an impassable cell."""
-    tiles: Annotated[Packed, Tiles]
+    tiles: Annotated[Packed, TilesRecord]
 
 
-class Level(NamedTuple):
+class LevelRecord(NamedTuple):
     """A level of a map (`map.pyramid`)."""
 
     weights: Floats
@@ -168,7 +168,7 @@ class CostFactors(NamedTuple):
     """Of a cell at a side of the map that is a row, or a column."""
 
 
-class Heights(NamedTuple):
+class HeightsRecord(NamedTuple):
     """Of a map."""
 
     heights: Floats
@@ -198,7 +198,7 @@ class Rectangle(NamedTuple):
     cols: int
 
 
-class Region(NamedTuple):
+class RegionRecord(NamedTuple):
     """The cells that a search may enter: (row, col) where
     ``bitmap[row_block[row], col_block[col]] == stamp``. An empty bitmap stands for the whole map.
     """
@@ -332,10 +332,10 @@ class Judge(NamedTuple):
 class Task(NamedTuple):
     """What stays the same while nodes are expanded."""
 
-    grid: Grid
+    grid: GridRecord
     terms: StepTerms
     """In float32."""
-    region: Region
+    region: RegionRecord
     judge: Judge
     beyond: float
     memory: Memory
@@ -359,8 +359,8 @@ class Frontier(NamedTuple):
 class DStar(NamedTuple):
     """What D* Lite searches, and what it knows (`search.dstar_lite`)."""
 
-    grid: Annotated[Packed, Grid]
-    region: Annotated[Packed, Region]
+    grid: Annotated[Packed, GridRecord]
+    region: Annotated[Packed, RegionRecord]
     goal: int
     start: int
     start_row: int
@@ -541,7 +541,7 @@ class Room(NamedTuple):
     """Sides of a cell, m."""
 
 
-class Ground(NamedTuple):
+class GroundRecord(NamedTuple):
     """What lines are priced by, and where they may lead."""
 
     weights: Floats
@@ -628,7 +628,7 @@ class PoseTables(NamedTuple):
     """(8,) pairs, `CARRIED_ALONG` and the others below."""
 
 
-class Poses(NamedTuple):
+class PosesRecord(NamedTuple):
     """A body's motions on a map: what is known of them, and what it takes to check the others
     (`robots.body.poses`).
     """
@@ -725,7 +725,7 @@ class Legs(NamedTuple):
     knight: float
 
 
-class Frame(NamedTuple):
+class FrameRecord(NamedTuple):
     """How states are numbered: a node's come one after another."""
 
     bits: int
@@ -822,7 +822,7 @@ class StateRule(NamedTuple):
     """By how much an expanded state must become cheaper to be expanded again, for each expansion so
     far: 0 where what is left is judged consistently.
     """
-    frame: Annotated[Packed, Frame]
+    frame: Annotated[Packed, FrameRecord]
     starting: Bools
     """(S,) states in which it may start, one at least."""
     wanted: Bools
@@ -841,7 +841,7 @@ class CellJudge(NamedTuple):
 class StateJudge(NamedTuple):
     """By what the cost that is left from a state is judged."""
 
-    frame: Frame
+    frame: FrameRecord
     row: int
     col: int
     """The goal, within the border."""
@@ -852,10 +852,10 @@ class StateJudge(NamedTuple):
 class FieldTask(NamedTuple):
     """What stays the same while a field is filled."""
 
-    poses: Poses
+    poses: PosesRecord
     edges: Floats
     prices: Prices
-    region: Region
+    region: RegionRecord
     judge: CellJudge
     start: int
     between: Floats
@@ -865,10 +865,10 @@ class FieldTask(NamedTuple):
 class StateTask(NamedTuple):
     """What stays the same while states are expanded."""
 
-    poses: Poses
+    poses: PosesRecord
     edges: Floats
     prices: Prices
-    region: Region
+    region: RegionRecord
     judge: StateJudge
     goal: int
     rule: StateRule

@@ -32,7 +32,7 @@ from nnpp_edge.runtime.kernels.any_angle import (
 )
 from nnpp_edge.runtime.kernels.clock import late
 from nnpp_edge.runtime.kernels.nodes import COL, ROW
-from nnpp_edge.runtime.kernels.records import Grid, Leg, Places, Room, Stage
+from nnpp_edge.runtime.kernels.records import GridRecord, Leg, Places, Room, Stage
 
 BLOCKED = 1e200
 """Weight of impassable places where sums of weights may have factors of 0: more than any sum of
@@ -49,14 +49,14 @@ their samples come near something impassable.
 
 
 @kernel
-def freed(grid: Grid, room: Room, path, stages, tolerance, until):
+def freed(grid: GridRecord, room: Room, path, stages, tolerance, until):
     """Way points near a path of cells that cost less, by the line integral, than the path itself as
     a rule.
 
     Parameters
     ----------
     grid, room
-        `Grid` and `Room`.
+        `GridRecord` and `Room`.
     path : (N, 2) int32
         Cells, each a neighbour of the one before it.
     stages : tuple of tuples

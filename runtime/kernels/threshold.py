@@ -17,7 +17,7 @@ from nnpp_edge.runtime.kernels.nodes import (
     neighbour,
 )
 from nnpp_edge.runtime.kernels.records import (
-    Grid,
+    GridRecord,
     Lookup,
     RegionMarks,
     RegionQuery,
@@ -202,7 +202,7 @@ def fill_region(levels, threshold, start, goal, stamp, radius, bitmap):
 def first_regions(
     probability,
     lookup: Lookup,
-    grid: Grid,
+    grid: GridRecord,
     links,
     query: RegionQuery,
     memory: ThresholdMemory,
@@ -220,7 +220,7 @@ def first_regions(
     probability : (B, B) float32
         In [0, 1].
     lookup, grid, query, memory, walk, marks
-        `Lookup`, `Grid`, `RegionQuery`, `ThresholdMemory`, `Searched` with the number of
+        `Lookup`, `GridRecord`, `RegionQuery`, `ThresholdMemory`, `Searched` with the number of
         a new search, and `RegionMarks`.
     links : (nodes,) uint8
         As for `expand`.

@@ -1,8 +1,8 @@
 """A map of heights whose costs and coarse levels are computed by tiles, where a search reads them.
 See `map.tiles`.
 
-The kernels that look are given `Tiles`. They call `open_tile` by its address: numba would else
-compile it anew into each kernel that calls it.
+The kernels that look are given `TilesRecord`. They call `open_tile` by its address: numba would
+else compile it anew into each kernel that calls it.
 """
 
 import numpy as np
@@ -31,9 +31,9 @@ from nnpp_edge.runtime.kernels.records import (
     LEVEL_ROWS,
     LEVEL_STRIDE,
     Area,
-    Level,
+    LevelRecord,
     Rectangle,
-    Tiles,
+    TilesRecord,
 )
 from nnpp_edge.runtime.kernels.traversability import MOST_COST, SCALE, fill_weights
 
@@ -80,7 +80,7 @@ def _cost_tile(tiles, source, i, j):
 
 
 @kernel
-def open_tile(tiles: Tiles, i, j):
+def open_tile(tiles: TilesRecord, i, j):
     """Compute what is not yet there of a tile and of those around it, so that its cells may be
     left.
     """
@@ -118,7 +118,7 @@ def open_at(tiles, row, col):
 
 
 @kernel
-def compute_rows(tiles: Tiles, row0, row1):
+def compute_rows(tiles: TilesRecord, row0, row1):
     """Weights of whole rows of tiles, and the coarse cells above them with the links within.
 
     Rows `row0` to `row1` of the map are those of the tiles. Row of tiles by row of tiles: what is
@@ -136,7 +136,7 @@ def compute_rows(tiles: Tiles, row0, row1):
 
 
 @kernel
-def link_rows(tiles: Tiles, row0, row1):
+def link_rows(tiles: TilesRecord, row0, row1):
     """All links of the coarse cells above whole rows of the map."""
     area = Area(row0, row1, int64(0), tiles.source.cols)
     _link_levels(tiles.source, area)
@@ -152,7 +152,7 @@ def _level(source, number):
         stride = source.cols + 2
         nothing = source.pieces[:0]
         links = source.links[:0]
-        return Level(source.weights, nothing, links, stride, source.rows, source.cols)
+        return LevelRecord(source.weights, nothing, links, stride, source.rows, source.cols)
     row = source.levels[number - 1]
     first = row[LEVEL_FIRST]
     stride = row[LEVEL_STRIDE]
@@ -160,7 +160,7 @@ def _level(source, number):
     weights = source.coarse[first:last]
     pieces = source.pieces[first:last]
     links = source.links[first:last]
-    return Level(weights, pieces, links, stride, row[LEVEL_ROWS], row[LEVEL_COLS])
+    return LevelRecord(weights, pieces, links, stride, row[LEVEL_ROWS], row[LEVEL_COLS])
 
 
 @helper
@@ -372,7 +372,7 @@ def _both(one, other):
 
 
 @kernel
-def write_layer(tiles: Tiles, layer, rim, patch, seen, row, col, nodes, old_weights):
+def write_layer(tiles: TilesRecord, layer, rim, patch, seen, row, col, nodes, old_weights):
     """Put values into a layer of the map, and bring up to date whatever of it has been computed.
 
     Parameters
@@ -436,7 +436,7 @@ def write_layer(tiles: Tiles, layer, rim, patch, seen, row, col, nodes, old_weig
 
 
 @kernel
-def sample_planes(tiles: Tiles, window: Rectangle, parts, inner, planes):
+def sample_planes(tiles: TilesRecord, window: Rectangle, parts, inner, planes):
     """Mean cost and share of impassable cells of parts of a window of the map, from two rows of
     each network cell.
 

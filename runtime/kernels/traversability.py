@@ -17,7 +17,7 @@ from numpy import float32, float64, inf, nan, uint64
 from nnpp_edge.runtime.compiled.kernel import helper, inlined, kernel
 from nnpp_edge.runtime.kernels.lanes import chosen
 from nnpp_edge.runtime.kernels.nodes import rows_around
-from nnpp_edge.runtime.kernels.records import Area, CostFactors, Heights, Spans, Terms
+from nnpp_edge.runtime.kernels.records import Area, CostFactors, HeightsRecord, Spans, Terms
 
 TERMS = len(Terms._fields)
 PAPER_TERMS = 3
@@ -387,7 +387,7 @@ def fill_weights(heights, rows, cols, rule, area: Area, out, first, stride):
     Parameters
     ----------
     heights, rows, cols
-        `Heights`.
+        `HeightsRecord`.
     rule : (RULE_SLOTS,) float64
         `Traversability.rule`.
     area
@@ -395,7 +395,7 @@ def fill_weights(heights, rows, cols, rule, area: Area, out, first, stride):
     out : (…,) float32
         Written: cell (row, col) at `first` + row · `stride` + col.
     """
-    ground = Heights(heights, rows, cols)
+    ground = HeightsRecord(heights, rows, cols)
     col0 = area.col0
     col1 = area.col1
     inner0 = max(col0, 1)
@@ -432,7 +432,7 @@ def fill_terms(heights, rows, cols, dy, dx, apart, out):
 
     `apart` are the rows and the columns from one cell of the sample to the next.
     """
-    ground = Heights(heights, rows, cols)
+    ground = HeightsRecord(heights, rows, cols)
     rows_apart, cols_apart = apart
     for i in range(out.shape[1]):
         for j in range(out.shape[2]):

@@ -80,7 +80,7 @@ class Grid:
         """Where it may stand, and what its steps cost; by default a point's."""
         packed_tiles = COMPLETE if tiles is None else tiles.packed(level)
         self.packed: Packed = tuple(
-            records.Grid(self.weights, self.stride, model.steps, corner_cutting, packed_tiles)
+            records.GridRecord(self.weights, self.stride, model.steps, corner_cutting, packed_tiles)
         )
         """As kernels take it."""
         floor, most, ceiling = map(np.float32, model.costs)

@@ -60,7 +60,7 @@ class Level:
         """As kernels take it."""
         grid = self.grid
         size = (grid.stride, grid.rows, grid.cols)
-        return (grid.weights, self.pieces, self.links, *size)  # `records.Level`
+        return (grid.weights, self.pieces, self.links, *size)  # `records.LevelRecord`
 
 
 class Pyramid:

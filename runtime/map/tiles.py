@@ -72,7 +72,7 @@ _NO_SOURCE = TileSource(
     block_states=_NONE,
 )
 COMPLETE: Packed = tuple(
-    records.Tiles(
+    records.TilesRecord(
         np.full((1, 1), COSTED | SURROUNDED | POOLED | LINKED, np.uint8),
         SURROUNDED,
         _EVERYWHERE,
@@ -135,7 +135,7 @@ class Tiles:
         down, right = (side.bit_length() - 1 - 2 * number for side in self._sides)
         wanted = LINKED if number else SURROUNDED
         source = tuple(self._source)
-        return tuple(records.Tiles(self.state, wanted, down, right, source, _address()))
+        return tuple(records.TilesRecord(self.state, wanted, down, right, source, _address()))
 
     def add_levels(self, shapes: list[tuple[int, int]]) -> list[tuple[Float32s, UInt16, UInt8]]:
         """Make room for coarse levels of these shapes, finest first: weights, pieces and links of

@@ -173,13 +173,9 @@ def astar(
     rule = Rule(*grid.prices, width, _successors(grid, links, edges), farthest)
     landmarks = kernels.NO_HINTS if hints is None else tuple(hints)
     before = (grid.packed, edges, links, allowed(region), landmarks)
-    search = Spreading(kernels.expand, before, rule)
     ends = Ends(first, last)
-    code, length, expansions, refused = run(
-        *search, ends, workspace, limit or WITHOUT_END, deadline
-    )
-    trace = partial(kernels.trace, stride=grid.stride)
-    return traced(trace, workspace, code, length, expansions, refused)
+    found = run(kernels.expand, before, rule, ends, workspace, limit or WITHOUT_END, deadline)
+    return traced(partial(kernels.trace, stride=grid.stride), workspace, *found)
 
 
 def run(

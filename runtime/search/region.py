@@ -12,7 +12,7 @@ Lookup = tuple[Int32, Int32]
 """
 
 
-class Region(records.Region):
+class Region(records.RegionRecord):
     """Cells that a search may enter: a small bitmap over the map, read in place. Bitmaps are
     numbered rather than cleared.
     """

@@ -74,7 +74,7 @@ print(heard)
 """
 
 VERSIONS = """
-import importlib, json, pkgutil
+import importlib, inspect, json, pkgutil
 import nnpp_edge.runtime.kernels
 from nnpp_edge.runtime import warmup
 
@@ -93,7 +93,7 @@ def versions():
     return {name: sorted(map(str, kernel.signatures)) for name, kernel in kernels().items()}
 
 def calls(kernel):
-    names, f = {id(value): name for name, value in kernels().items()}, kernel.py_func
+    names, f = {id(value): name for name, value in kernels().items()}, inspect.unwrap(kernel.py_func)
     seen = [f.__globals__.get(name) for name in f.__code__.co_names]
     seen += [cell.cell_contents for cell in f.__closure__ or ()]
     return [names[id(each)] for each in seen if hasattr(each, "py_func")]

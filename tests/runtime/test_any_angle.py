@@ -23,7 +23,7 @@ from tests.strategies import Case, cases, flat, uniform
 
 
 @kernel
-def line_cost(grid: records.Grid, room: records.Room, points):
+def line_cost(grid: records.GridRecord, room: records.Room, points):
     """The line integral along way points (N, 2); inf if a leg is not clear."""
     return cost_along(ground_of(grid, room), points)
 

@@ -137,7 +137,7 @@ class Poses:
         to be cleared.
         """
         self._counts = np.zeros(1, np.int64)
-        record = records.Poses(
+        record = records.PosesRecord(
             codes=self.codes,
             heights=self.heights.reshape(-1),
             added=self._added.reshape(-1),

@@ -40,7 +40,7 @@ from nnpp_edge.runtime.kernels.records import (
     Ends,
     Field,
     FieldRule,
-    Frame,
+    FrameRecord,
     Legs,
     Packed,
     Prices,
@@ -86,7 +86,7 @@ class States(NamedTuple):
     """A body's motions and what they cost."""
 
     poses: Packed
-    """`records.Poses`."""
+    """`records.PosesRecord`."""
     edges: Float32s
     """(nodes, 16) costs of legs; (0, 16) where they cost by their checks."""
     prices: Prices
@@ -409,7 +409,7 @@ def costs_of_cells(grid: "Grid", start: Cell, memory: Workspace, deadline: Deadl
 
 def _frame(grid: "Grid", workspace: Workspace) -> Packed:
     """How states are numbered."""
-    return tuple(Frame(workspace.states.bit_length() - 1, grid.stride))
+    return tuple(FrameRecord(workspace.states.bit_length() - 1, grid.stride))
 
 
 def _best(grid: "Grid") -> Legs:
