@@ -193,7 +193,9 @@ def machine_words(report: Facts) -> dict[str, str]:
         by_planner = report["besides"].get(key) or {}
         figures = [f"{who} {shown(value)} {unit}" for who, value in by_planner.items()]
         words[name] = ", ".join(figures)
-    zones = sensors["temperature_c"].items()
-    ranges = (f"{zone} {shown(each['min'])} to {shown(each['max'])} °C" for zone, each in zones)
+    ranges = []
+    for zone, each in sensors["temperature_c"].items():
+        coldest = shown(each["min"])
+        ranges.append(f"{zone} {coldest} to {shown(each['max'])} °C")
     words["temperature"] = ", ".join(ranges)
     return {name: value for name, value in words.items() if value}

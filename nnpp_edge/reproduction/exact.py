@@ -191,7 +191,7 @@ def fig7_findings(rows: Rows) -> Iterator[Finding]:
     yield stated(
         "the greater ω, the longer the path and the smaller its CC",
         "yes",
-        f"LEN {length[0]:.2f} → {length[-1]:.2f}, CC {cc[0]:.2f} → {cc[-1]:.2f}",
+        "LEN {:.2f} → {:.2f}, CC {:.2f} → {:.2f}".format(*length[[0, -1]], *cc[[0, -1]]),
         "no step goes the other way by over 0.02",
         np.diff(length).min() > -0.02 and np.diff(cc).max() < 0.02,
     )
