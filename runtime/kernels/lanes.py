@@ -8,7 +8,6 @@ the processor's as its registers are narrower.
 In kernels that are not compiled, runs are arrays of NumPy.
 """
 
-import itertools
 import operator
 
 import numpy as np
@@ -116,10 +115,16 @@ def _define(function, kinds, make, result=RUN):
     """Have kernels know a function of runs and masks; a float32 in a run's place is that number in
     all lanes.
     """
-    choices = [(RUN, types.float32) if kind is RUN else (kind,) for kind in kinds]
-    taken = set(itertools.product(*choices))
-    if RUN in kinds:  # not numbers alone
-        taken.discard((types.float32,) * len(kinds))
+    taken = [()]
+    for kind in kinds:
+        taken = [
+            (*given, each)
+            for given in taken
+            for each in ((RUN, types.float32) if kind is RUN else (kind,))
+        ]
+    taken = [
+        given for given in taken if RUN in given or RUN not in kinds or MASK in given
+    ]  # not numbers alone
 
     @infer_global(function)
     class _Known(AbstractTemplate):

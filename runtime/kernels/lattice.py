@@ -231,12 +231,6 @@ def trace_states(meta, state, prices: Prices, frame: FrameRecord, out):
     """Write the states from one back to the start, (row, col, number), into `out`, as far as it
     reaches; how many.
     """
-    return _trace(meta, state, prices, frame, out)
-
-
-@helper
-def _trace(meta, state, prices, frame, out):
-    """As `trace_states`, for other kernels to call."""
     n = 0
     while True:
         row, col, local = _place(state, frame)
@@ -612,7 +606,9 @@ def expand_states(
     memory.control[GOAL_STATE] = settled
     if code == FOUND:
         memory.control[BEST_NODE] = settled
-    cells = _trace(memory.meta, memory.control[BEST_NODE], prices, frame, memory.path)
+    # by plain tuples, as from Python: so that is compiled, too
+    end = memory.control[BEST_NODE]
+    cells = trace_states(memory.meta, end, prices[:], frame[:], memory.path)
     return code, cells, expansions, front.refused
 
 
