@@ -26,13 +26,14 @@ def in_bands(
     shared = (last - first) * cols >= (threads_from or THREADS_FROM)
     cores = len(os.sched_getaffinity(0)) if shared else 1
     height = -(-(last - first) // (cores * multiple)) * multiple
-    begins = range(first, last, height)
-    ends = [min(begin + height, last) for begin in begins]
-    if len(begins) == 1:
-        work(first, last)
+    own, *others = [(row, min(row + height, last)) for row in range(first, last, height)]
+    if not others:
+        work(*own)
         return
-    with ThreadPoolExecutor(cores) as threads:
-        list(threads.map(work, begins, ends))
+    with ThreadPoolExecutor(len(others)) as threads:
+        at_work = threads.map(work, *zip(*others, strict=True))
+        work(*own)
+        list(at_work)  # raises what was raised there
 
 
 def stripes(

@@ -193,15 +193,10 @@ class MapView:
 @lru_cache(maxsize=8)
 def _lookup(place: _Place) -> Lookup:
     """The block that each row and column of a map lies in; outside the window one past the last."""
-    shape, window, frame, blocks = place
-    found = []
-    for side, first, inside, of_window in zip(
-        shape, window[:2], window[2:], frame.lookup(blocks), strict=True
-    ):
-        of_map = np.full(side, blocks, np.int32)
-        of_map[first : first + inside] = of_window
-        found.append(of_map)
-    return found[0], found[1]
+    shape, (row, col, height, width), frame, blocks = place
+    of_rows, of_cols = (np.full(side, blocks, np.int32) for side in shape)
+    of_rows[row : row + height], of_cols[col : col + width] = frame.lookup(blocks)
+    return of_rows, of_cols
 
 
 @lru_cache(maxsize=8)
