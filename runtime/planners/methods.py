@@ -219,7 +219,7 @@ class Methods:
         if not other:
             fit = ", ".join(each.name for each in METHODS.values() if over in each.robots)
             raise InvalidQueryError(
-                f"method {entry.name!r} does not plan over {over}, as this robot: wanted one of {fit}"
+                f"method {entry.name!r} does not plan over {over}: wanted one of {fit}"
             )
         return [_way(other, why)._replace(by=DynamicMethod(method))]
 
