@@ -43,8 +43,8 @@ def matrices_of(text: str, sizes: tuple[int, ...]) -> Matrices:
     parameters = np.frombuffer(base64.b64decode(text, validate=True), "<f4").astype(np.float32)
     shapes = parameter_shapes(sizes)
     ends = np.cumsum([math.prod(shape) for shape in shapes])
-    if len(parameters) != ends[-1] or not np.isfinite(parameters).all():
-        raise ValueError(f"wanted {ends[-1]} finite parameters of its head, got {len(parameters)}")
+    if not np.isfinite(parameters).all():
+        raise ValueError("wanted finite parameters of its head, got others")
     return tuple(map(np.reshape, np.split(parameters, ends[:-1]), shapes))
 
 
