@@ -31,7 +31,8 @@ class Entry(NamedTuple):
     help: str
     find: str
     """Name of a method of `planners.methods.Methods`, of (query, work); or ``module:function`` of
-    (methods, query, work), imported when first asked for. Empty of one that `chooses`.
+    (methods, query, work), imported when first asked for. It returns a `Found`, or None where the
+    next way is to be tried. Empty of one that `chooses`.
     """
     needs: frozenset[str] = frozenset()
     """Of ``levels`` and ``network``."""

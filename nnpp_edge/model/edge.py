@@ -50,7 +50,7 @@ class EdgeNet(nn.Module):
         """Logits (N, 4, S/8, S/8) of the probability that a nearly optimal path passes.
 
         For planes (N, 32, S/4, S/4) in [0, 1], 4 × 4 cells to a pixel (`torch.pixel_unshuffle`),
-        and start and goal (N, 15, S/8, S/8, `encode_ends` of the runtime). Four blocks to a pixel
+        and start and goal (N, 15, S/8, S/8, `fill_ends` of the runtime). Four blocks to a pixel
         (`torch.pixel_shuffle`).
         """
         logits: Tensor = self.head(self.encoder(planes), query)

@@ -136,9 +136,18 @@ def _between(out, row_a, col_a, row_b, col_b, spacing):
             out[2, i, j] = apart / side
 
 
-@kernel
+@helper
 def fill_ends(out, row_a, col_a, row_b, col_b, spacing, sigma):
-    """As `encode_ends`, for other kernels to call."""
+    """Start and goal, each by the way to it, for a network that looks at the map before it knows
+    the two.
+
+    Written to `out`, (15, S/8, S/8) float32, for points `spacing` cells apart. Six planes for the
+    start, then six for the goal: the weights of the bilinear interpolation that reads a value there
+    off the points, rows and columns from a point to it and the distance, as shares of S, and two
+    Gaussians around it, of `sigma` network cells and of a quarter of it. Then three for both:
+    exp(-(a + b - d) / (0.25 d)) for distances a and b to the two, which lie d apart, and a + b - d
+    and d as shares of S.
+    """
     _end(out[:END_CHANNELS], row_a, col_a, spacing, sigma)
     _end(out[END_CHANNELS : 2 * END_CHANNELS], row_b, col_b, spacing, sigma)
     _between(out[2 * END_CHANNELS :], row_a, col_a, row_b, col_b, spacing)

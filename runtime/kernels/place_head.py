@@ -48,7 +48,7 @@ def _put_answers(last, side, out):
 def answer_ends(ends, spacing, sigma, places, query, matrices, out):
     """Encode start and goal, and write the probabilities of all blocks.
 
-    Ends, spacing and sigma as for `encoding.encode_ends`.
+    Ends, spacing and sigma as for `encoding.fill_ends`.
 
     Parameters
     ----------

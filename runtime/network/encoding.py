@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Planes
 from nnpp_edge.runtime.cells import Cell, Rectangle
-from nnpp_edge.runtime.kernels.encoding import fill_ends, pool_planes
-from nnpp_edge.runtime.network.model_file import QUERY_SPACING
+from nnpp_edge.runtime.kernels.encoding import pool_planes
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.map.grid import Grid
@@ -95,17 +94,3 @@ def encode_gaussian(start: Point, goal: Point, sigma: float, out: Planes) -> Non
     for plane, end in zip(out, (start, goal), strict=True):
         over_rows, over_cols = (np.exp(-0.5 * ((cells - place) / sigma) ** 2) for place in end)
         np.multiply.outer(over_rows, over_cols, out=plane)
-
-
-def encode_ends(start: Point, goal: Point, sigma: float, out: Planes) -> None:
-    """Start and goal, each by the way to it, for a network that looks at the map before it knows
-    the two.
-
-    Written to `out`, (15, S/8, S/8) float32, for points `QUERY_SPACING` cells apart. Six planes for
-    the start, then six for the goal: the weights of the bilinear interpolation that reads a value
-    there off the points, rows and columns from a point to it and the distance, as shares of S, and
-    two Gaussians around it, of `sigma` network cells and of a quarter of it. Then three for both:
-    exp(-(a + b - d) / (0.25 d)) for distances a and b to the two, which lie d apart, and a + b - d
-    and d as shares of S.
-    """
-    fill_ends(out, *start, *goal, float(QUERY_SPACING), sigma)

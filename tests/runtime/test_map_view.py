@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from nnpp_edge.runtime import DynamicPlanner, NetworkModel, Planner
+from nnpp_edge.runtime.kernels.encoding import fill_ends
 from nnpp_edge.runtime.map.grid import Grid
-from nnpp_edge.runtime.network.encoding import Frame, encode_ends, encode_gaussian, map_planes
+from nnpp_edge.runtime.network.encoding import Frame, encode_gaussian, map_planes
 from nnpp_edge.runtime.region.map_view import MapView
 from nnpp_edge.runtime.terrain.step_cost import StepModel
 from nnpp_edge.runtime.tuning import UNSEEN_CHANGE
@@ -67,7 +68,7 @@ def test_the_gaussian_is_equation_5_with_a_peak_of_one():
 @given(st.floats(0.0, 63.0), st.floats(0.0, 63.0), st.floats(0.0, 63.0), st.floats(0.0, 63.0))
 def test_an_end_is_read_off_the_points_and_the_way_leads_there(row_a, col_a, row_b, col_b):
     out = np.empty((15, 8, 8), np.float32)
-    encode_ends((row_a, col_a), (row_b, col_b), 16.0, out)
+    fill_ends(out, row_a, col_a, row_b, col_b, 8.0, 16.0)
     centres = 8.0 * np.arange(8) + 3.5
     for planes, row, col in ((out[:6], row_a, col_a), (out[6:12], row_b, col_b)):
         share = planes[0].astype(float)
@@ -89,7 +90,7 @@ def test_an_end_is_read_off_the_points_and_the_way_leads_there(row_a, col_a, row
     length = np.hypot(row_a - row_b, col_a - col_b)
     np.testing.assert_allclose(out[14], max(length, 8.0) / 64.0, atol=1e-6)
     back = np.empty_like(out)
-    encode_ends((row_b, col_b), (row_a, col_a), 16.0, back)
+    fill_ends(back, row_b, col_b, row_a, col_a, 8.0, 16.0)
     np.testing.assert_allclose(back, out[[*range(6, 12), *range(6), 12, 13, 14]], atol=1e-6)
 
 
