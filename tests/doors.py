@@ -16,7 +16,7 @@ from nnpp_edge.runtime.robots.robot import Robot, Stance
 from nnpp_edge.runtime.robots.slope import cost
 from nnpp_edge.runtime.terrain import traversability, vehicle
 from tests import directed_cases
-from tests.fuzz.cases import put
+from tests.strategies import put
 from tests.worlds import World, on_heights
 
 # --- a term

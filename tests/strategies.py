@@ -19,6 +19,11 @@ def uniform(seed, shape, least=0.0, most=1.0):
     return np.random.default_rng(seed).uniform(least, most, shape).astype(np.float32)
 
 
+def put(array, row, col, patch):
+    """Write a patch into a map."""
+    array[row : row + patch.shape[0], col : col + patch.shape[1]] = patch
+
+
 KINDS = ("uniform", "equal", "levels", "steep")
 
 
@@ -40,6 +45,30 @@ def random_costs(rng, shape, step_cost="paper", kind="uniform", blocked=0.0, wal
     cost = cost.astype(np.float32)
     cost[rng.random(shape) < blocked] = wall
     return cost
+
+
+def odd_heights(rng, shape, size):
+    """Slopes and hills with rocks of about this size, walls, cliffs, holes and islands."""
+    rows, cols = shape
+    row, col = np.mgrid[:rows, :cols]
+    waves = np.sin(row / rng.uniform(2, 9)) + np.cos(col / rng.uniform(2, 9))
+    dem = size * rng.choice((0.0, 0.1, 0.3, 1.0)) * waves
+    dem += size * rng.choice((0.0, 0.0, 0.1)) * (row + rng.choice((0.0, 1.0)) * col)
+    dem += size * rng.choice((0.0, 0.01, 0.05)) * rng.normal(size=shape)
+    rocks = rng.random(shape) < rng.choice((0.0, 0.01, 0.04))
+    dem[rocks] += size * rng.choice((0.6, 1.0, 2.0)) * rng.random(int(rocks.sum()))
+    kind = rng.choice(("whole", "whole", "whole", "holes", "stripe", "wall", "cliff"))
+    if kind == "holes":
+        holes = rng.random(shape) < rng.choice((0.005, 0.02, 0.05, 0.7))
+        dem[holes] = rng.choice((np.nan, np.inf, -np.inf))
+    elif kind == "stripe":
+        dem[: rng.integers(rows + 1), cols // 2 :][:, : rng.choice((1, 1, 2, 9))] = np.nan
+    elif kind == "wall":
+        dem[rows // 2, rng.choice((0, cols // 3, cols // 2)) :] += 10.0 * size
+    elif kind == "cliff":
+        dem[:, cols // 2 :] += size * rng.choice((0.5, 5.0))
+    dem += rng.choice((0.0, 0.0, -40.0 * size, 8000.0))
+    return dem.astype(np.float32)
 
 
 def random_cell(rng, shape):

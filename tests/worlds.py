@@ -18,9 +18,8 @@ from nnpp_edge.runtime.robots.slope.cost import SLOPE_COSTS
 from tests import directed_cases, oracles, pose_oracles
 from tests.directed_cases import MOBILITY, MODELS
 from tests.fuzz import bodies
-from tests.fuzz.cases import put
 from tests.pose_oracles import DIRECTIONS
-from tests.strategies import KINDS, random_costs, random_patch, scrambled
+from tests.strategies import KINDS, put, random_costs, random_patch, scrambled
 
 OMEGA = 0.011
 ROVER = Vehicle(1.3, 0.9, 0.3, wheel_length_m=0.21, wheel_width_m=0.13)
@@ -38,6 +37,8 @@ class World:
 
     layers: ClassVar = {}
     """Numbers beside heights, by name."""
+    relief_m = 1.0
+    """By what patches change heights, about."""
 
     def __init__(self, rng, layers, sides, limits=None, *, step_cost="paper", vehicle=None):
         self.rng = rng
@@ -51,16 +52,18 @@ class World:
         self.omega = float(rng.choice((OMEGA, OMEGA, 0.0)))
         self.read()
 
-    def planner(self, *towards, **options):
-        """A new planner of the map; with a goal and a method one for a map that changes."""
+    def ground(self):
+        """The map as it is, but for what costs tell beside heights."""
         robot = {"vehicle": self.vehicle, "step_cost": self.step_cost}
         if self.dem is None:
-            ground = Ground(self.told, cell_size_m=self.sides[0], **robot)
-        else:
-            robot |= {"cell_width_m": self.sides[1], "mobility": MOBILITY, "layers": self.layers}
-            ground = Ground.of_elevation(self.dem, self.sides[0], self.limits, **robot)
+            return Ground(self.told, cell_size_m=self.sides[0], **robot)
+        robot |= {"cell_width_m": self.sides[1], "mobility": MOBILITY, "layers": self.layers}
+        return Ground.of_elevation(self.dem, self.sides[0], self.limits, **robot)
+
+    def planner(self, *towards, **options):
+        """A new planner of the map; with a goal and a method one for a map that changes."""
         options |= {"corner_cutting": self.corner_cutting, "omega": self.omega}
-        made = (DynamicPlanner if towards else Planner)(ground, *towards, **options)
+        made = (DynamicPlanner if towards else Planner)(self.ground(), *towards, **options)
         if self.dem is not None and self.told.any():
             made.update(0, 0, self.told)
         return made
@@ -84,9 +87,7 @@ class World:
     def patch(self):
         """Change a part of the map, which is then to be `read`; the call that tells a planner."""
         if self.dem is None:
-            row, col, patch = random_patch(self.rng, self.told, self.step_cost)
-            if self.rng.random() < 0.1:
-                row, col, patch = 0, 0, self.told * np.float32(self.rng.choice((0.5, 1.2)))
+            row, col, patch = self.patch_of_costs()
             put(self.told, row, col, patch)
             return methodcaller("update", row, col, patch)
         row, col = (int(self.rng.integers(side)) for side in self.dem.shape)
@@ -96,15 +97,23 @@ class World:
             self.told[part] = patch
             return methodcaller("update", row, col, patch)
         here = self.dem[part]
-        mean = float(np.nan_to_num(np.nanmean(self.dem))) if np.isfinite(self.dem).any() else 0.0
+        known = self.dem[np.isfinite(self.dem)]
+        mean = float(known.mean()) if known.size else 0.0
         kinds = (
             np.full(here.shape, np.nan),
-            np.nan_to_num(here, nan=mean) + self.rng.normal(0.0, 0.3, here.shape),
+            np.where(np.isfinite(here), here, mean)
+            + self.rng.normal(0.0, 0.3 * self.relief_m, here.shape),
             np.full(here.shape, mean),
-            here + self.rng.normal(0.0, 0.5),
+            here + self.rng.normal(0.0, 0.5 * self.relief_m),
         )
         self.dem[part] = kinds[self.rng.integers(4)]
         return methodcaller("update_elevation", row, col, here.copy())
+
+    def patch_of_costs(self):
+        """Where, and new costs."""
+        if self.rng.random() < 0.1:
+            return 0, 0, self.told * np.float32(self.rng.choice((0.5, 1.2)))
+        return random_patch(self.rng, self.told, self.step_cost)
 
     @property
     def rule(self):
@@ -161,7 +170,7 @@ class World:
         if plan.ok:
             near = self.near(optimum)
             cost = self.path_cost(plan.walked)
-            assert abs(plan.cost - cost) <= near, (plan, cost)
+            assert abs(plan.cost - cost) <= self.near(cost), (plan, cost)
             assert plan.lower_bound - near <= optimum <= cost + near, (plan, optimum)
             most = optimum + near + epsilon * (abs(optimum) + near)
             assert cost <= most, (plan, optimum)
@@ -173,15 +182,17 @@ class BodyWorld(World):
     def __init__(self, rng, vehicle, *, step_cost="paper", any_motions=False):
         self.any_motions = any_motions
         self.seed = int(rng.integers(1 << 30))
-        shape = (17, 21) if vehicle.reverse_cost or not vehicle.turning_radius_m else (31, 35)
-        sides = (0.25, float(rng.choice((0.25, 0.2))))
-        if any_motions:
-            dem = np.zeros(shape, np.float32)
-        else:
-            dem = pose_oracles.rocks(self.seed % 97, 40, 42, 0.01)
-            sides = (0.25, 0.25)
+        dem, sides = self.heights(rng, vehicle)
         layers = dem, np.zeros(dem.shape, np.float32)
         super().__init__(rng, layers, sides, step_cost=step_cost, vehicle=vehicle)
+
+    def heights(self, rng, vehicle):
+        """Of cells, and their sides."""
+        width = float(rng.choice((0.25, 0.2)))
+        if not self.any_motions:
+            return pose_oracles.rocks(self.seed % 97, 40, 42, 0.01), (0.25, 0.25)
+        shape = (17, 21) if vehicle.reverse_cost or not vehicle.turning_radius_m else (31, 35)
+        return np.zeros(shape, np.float32), (0.25, width)
 
     def planner(self, *towards, **options):
         """As of every world."""
@@ -271,6 +282,28 @@ class ArcWorld(BodyWorld):
         """By the searches' own sum: how its pieces lie is tested with arcs."""
         costs = np.zeros(len(path))
         return costs[-1] if self.grid.walk(path, 0, costs) < 0 else math.inf
+
+
+def same_maps(one, other):
+    """Cells, coarse levels and a body's motions weigh the same for two planners."""
+    pyramids = [each.state.pyramid for each in (one, other)]
+    for each in (one, other):
+        each.state.grid.complete()
+    np.testing.assert_array_equal(one.state.grid.map(), other.state.grid.map())
+    poses = [each.state.grid.robot.moves.poses for each in (one, other)]
+    # heights are kept relative to the first that was known, which may have changed
+    if None not in poses and np.array_equal(*(each.heights for each in poses), equal_nan=True):
+        np.testing.assert_array_equal(*(each.codes for each in poses))
+    if one.state.grid.model.kind == "length":  # walls weigh by the dearest cell that there ever was
+        return
+    for ours, theirs in zip(*(each.levels[1:] for each in pyramids), strict=True):
+        np.testing.assert_allclose(ours.grid.weights, theirs.grid.weights, rtol=1e-6)
+        np.testing.assert_array_equal(ours.pieces, theirs.pieces)
+        np.testing.assert_array_equal(ours.links, theirs.links)
+        prices = [each.grid.robot.price for each in (ours, theirs)]
+        if prices[0].edges() is not None:
+            np.testing.assert_allclose(*(each.edges() for each in prices), rtol=1e-5)
+            np.testing.assert_allclose(*(each.edges(True) for each in prices), rtol=1e-5)
 
 
 def on_costs(rng, step_cost="paper", vehicle=None):

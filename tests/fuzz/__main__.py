@@ -1,6 +1,7 @@
 """Look for what the oracles refuse, for so many minutes; or do one case again."""
 
 import itertools
+import math
 import os
 import random
 import shutil
@@ -10,71 +11,58 @@ import traceback
 import warnings
 from collections import Counter
 from dataclasses import replace
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 
 import click
 
-from tests.fuzz import samples
-from tests.fuzz.cases import Place, Problem
+from tests.fuzz import layers, options, projections, samples, sequences
+from tests.fuzz.cases import Place, kind_of
 from tests.fuzz.children import ROOMY, Limits, run_forked
+from tests.worlds import WORLDS
 
 FOLDER = Path("build/fuzz")
 BATCH = 200
 BATCH_S = 5.0
-"""Cases that one forked process does one after another, and seconds after which it begins
-no other.
-"""
-SHARES = {
-    "options": 15,
-    "layers": 6,
-    "sequences": 7,
-    "elevations": 3,
-    "bodies": 3,
-    "projections": 1,
+"""Cases that one forked process does one after another, and seconds after which it begins none."""
+TARGETS = {
+    "options": (options.check, 15, 20),
+    "layers": (layers.check, 6, 60),
+    "sequences": (partial(sequences.check, worlds=[sequences.OddCosts]), 7, 200),
+    "elevations": (partial(sequences.check, worlds=[sequences.OddHeights]), 3, 150),
+    "bodies": (sequences.check_bodies, 3, 8),
+    "robots": (partial(sequences.check, worlds=[*WORLDS.values()]), 3, 60),
+    "projections": (projections.check, 1, 60),
 }
-"""Of the batches, for each target."""
+"""By name: what does a case, its share of the batches, and how many cases a short run has."""
 MOST_TOLD = 3  # findings of one kind that are told in full
-LOADED = str.split(
-    "cv2 matplotlib.font_manager onnx onnxruntime PIL.Image rasterio torch nnpp_edge.viz.picture "
-    "nnpp_edge.export.to_onnx nnpp_edge.training.train"
-)
+LOADED = ("cv2", "matplotlib.font_manager", "onnx", "onnxruntime", "rasterio")
+LOADED += ("nnpp_edge.viz.picture",)
+LOADED_TO_TRAIN = ("torch", "nnpp_edge.export.to_onnx", "nnpp_edge.training.train")
 
 
-def case_of(target, seed, place):
-    """The case of a seed, which decides all of it."""
-    return import_module(f"tests.fuzz.{target}").generate(random.Random(f"{target} {seed}"), place)
-
-
-def check_case(target, seed, place):
-    """Make the case of a seed, and look for what is wrong with it."""
+def do_case(target, seed, place):
+    """Do the case of a seed, which decides all of it."""
     place.folder.mkdir(parents=True, exist_ok=True)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return import_module(f"tests.fuzz.{target}").check(case_of(target, seed, place), place)
+        TARGETS[target][0](random.Random(f"{target} {seed}"), place)
 
 
-def prepare():
+def prepare(*, trained):
     """Make the samples where they are not there yet, and load all that cases need. Leaves no thread
     behind.
     """
-    folder = FOLDER.resolve()
-    made = folder / "samples" / "made"
-    if not made.exists():
-        ended = run_forked(lambda: samples.make_light(made.parent), ROOMY)
-        assert ended.code == 0, ended.err
-        samples.make_heavy(made.parent)
-        made.write_text("")
     one_thread = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
     os.environ.update(dict.fromkeys(one_thread, "1"))
-    for name in (*LOADED, *(f"tests.fuzz.{target}" for target in SHARES)):
+    for name in (*LOADED, *LOADED_TO_TRAIN * trained):
         import_module(name)
     import cv2
     import matplotlib
     import onnxruntime
 
     from nnpp_edge.runtime.exercises import exercise
-    from tests.fuzz import options
 
     matplotlib.use("Agg")
     cv2.setNumThreads(1)
@@ -82,26 +70,33 @@ def prepare():
     for name in options.BASES:
         options.command_of(name)
     exercise()
-    return Place(made.parent, folder / f"case-{os.getpid()}" / "here")
+    folder = FOLDER.resolve()
+    place = Place(folder / "samples", folder / f"case-{os.getpid()}" / "here")
+    for make in (samples.make_light, *[samples.make_trained] * trained):
+        made = place.samples / make.__name__
+        if not made.exists():
+            ended = run_forked(partial(make, place.samples), ROOMY)
+            assert ended.code == 0, ended.err
+            made.write_text("")
+    return place
 
 
-def run_batch(target, seeds, place):
+def run_batch(target, seeds, most_s, place):
     """How many cases were done, and what was found, by the seed.
 
     They are done in one forked process; a case that hangs, crashes or takes too much memory ends
     it.
     """
-    until = time.monotonic() + BATCH_S
+    until = time.monotonic() + most_s
 
     def batch():
         for seed in seeds:
             print(f"\0{seed}", flush=True)
             try:
-                problem = check_case(target, seed, place)
-            except Exception:
-                problem = Problem("the fuzzer itself raised", traceback.format_exc())
-            if problem is not None:
-                print(f"{problem.kind}\n{problem.detail[:20_000]}".replace("\0", "␀"), flush=True)
+                do_case(target, seed, place)
+            except Exception as error:
+                told = f"{kind_of(error)}\n{traceback.format_exc()}"
+                print(told[:20_000].replace("\0", "␀"), flush=True)
             if time.monotonic() > until:
                 break
 
@@ -116,24 +111,28 @@ def run_batch(target, seeds, place):
     return len(told), found
 
 
-def run(base, targets, minutes):
-    """Do cases of the targets until the time has passed; how many findings there were."""
-    place = prepare()
+def batches(base, targets, minutes):
+    """Targets and the seeds of a batch of each, with its seconds, until the time has passed."""
     rng = random.Random(base)
     seeds = itertools.count(base * 1_000_000)
-    cases = Counter()
-    kinds = Counter()
     until = time.monotonic() + 60.0 * minutes
     while time.monotonic() < until:
-        name = rng.choices(targets, [SHARES[each] for each in targets])[0]
-        done, found = run_batch(name, list(itertools.islice(seeds, BATCH)), place)
+        name = rng.choices(targets, [TARGETS[each][1] for each in targets])[0]
+        yield name, list(itertools.islice(seeds, BATCH)), BATCH_S
+
+
+def run(place, drawn):
+    """Do batches of cases; how many findings there were."""
+    cases = Counter()
+    kinds = Counter()
+    for name, *seeds in drawn:
+        done, found = run_batch(name, *seeds, place)
         cases[name] += done
         for seed, text in found.items():
             kind, _, detail = text.partition("\n")
             kinds[kind] += 1
             print(f"FOUND {kind}; again with --target {name} --seed {seed}", flush=True)
             print(detail if kinds[kind] <= MOST_TOLD else "", flush=True)
-    shutil.rmtree(place.folder.parent, ignore_errors=True)
     for name, count in (*sorted(cases.items()), *kinds.most_common()):
         print(f"{count:>9} × {name}")
     print(f"{cases.total()} cases, {kinds.total()} findings")
@@ -142,25 +141,29 @@ def run(base, targets, minutes):
 
 @click.command(help=__doc__, context_settings={"show_default": True})
 @click.option("--minutes", default=30.0)
-@click.option("--target", type=click.Choice([*SHARES]), multiple=True, help="Only this.")
+@click.option("--target", type=click.Choice([*TARGETS]), multiple=True, help="Only this.")
 @click.option(
     "--base", type=int, default=lambda: int(time.time()), help="Which seeds: others each time."
 )
 @click.option("--seed", type=int, help="Do one case of --target, as a finding names it.")
-def main(minutes, target, base, seed):
-    if seed is None:
-        print(f"{minutes:g} min, --base {base}", flush=True)
-        found = run(base, target or [*SHARES], minutes)
-    elif len(target) != 1:
-        raise click.UsageError("give the --target of the --seed")
+@click.option(
+    "--short", is_flag=True, help="The same few cases of each target, and nothing trained."
+)
+def main(minutes, target, base, seed, short):
+    targets = target or [*TARGETS]
+    place = prepare(trained=not short)
+    if seed is not None:
+        place = replace(place, folder=FOLDER.resolve() / "again" / "here")
+        drawn = [(name, [seed], math.inf) for name in targets]
+    elif short:
+        drawn = [(name, range(TARGETS[name][2]), math.inf) for name in targets]
     else:
-        place = replace(prepare(), folder=FOLDER.resolve() / "again" / "here")
-        print(repr(case_of(target[0], seed, place)))
-        found = check_case(target[0], seed, place)
-        print(f"\n{found.kind}\n{found.detail}" if found else "\nnothing was found")
-        print(f"its folder: {place.folder}")
-    sys.stdout.flush()
-    os._exit(1 if found else 0)  # threads of libraries are not waited for
+        print(f"{minutes:g} min, --base {base}", flush=True)
+        drawn = batches(base, targets, minutes)
+    found = run(place, drawn)
+    if seed is None:
+        shutil.rmtree(place.folder.parent, ignore_errors=True)
+    sys.exit(bool(found))
 
 
 if __name__ == "__main__":

@@ -1,19 +1,16 @@
-"""Robots with a body on elevations that change: motions beside NumPy and dense sampling, plans
-beside Dijkstra.
-"""
+"""Robots with a body on odd ground: their motions beside NumPy and dense sampling."""
 
-import functools
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from nnpp_edge.runtime import Status, Vehicle
+from nnpp_edge.runtime import Vehicle
 from nnpp_edge.runtime.kernels.poses import AXIS_COUNT, FAILS, MOST_CODE
 from nnpp_edge.runtime.robots.body.poses import limits_of
 from tests import pose_oracles
-from tests.fuzz import cases
-from tests.fuzz.cases import NOWHERE, Case, Problem
-from tests.fuzz.elevations import draw_heights, draw_sizes, draw_steps, drive
+from tests.fuzz.cases import Finding
+from tests.strategies import odd_heights
 
 NEAR_A_LIMIT = 2e-5
 """Share of a limit by which a figure may miss it and still be on either side: heights are kept in
@@ -26,26 +23,23 @@ SAMPLED = 12
 """Motions that are followed densely in a check."""
 
 
-def generate(rng, place=NOWHERE, most_side=22):
-    """A case of a few steps; the body measures one cell to seven, and fits on the map."""
-    numbers = np.random.default_rng(rng.getrandbits(32))
+class Body(NamedTuple):
+    """A vehicle, heights and the sides of a cell."""
+
+    dem: np.ndarray
+    cell: tuple[float, float]
+    vehicle: Vehicle
+
+
+def generate(rng, most_side=22):
+    """A body of one cell to seven, which fits on its map."""
     cell = rng.choice(((1.0, 1.0), (0.25, 0.25), (20.0, 20.0), (2.0, 1.7), (0.3, 0.5)))
     vehicle = draw_vehicle(rng, min(cell))
     least = math.ceil(max(vehicle.length_m, vehicle.width_m) / min(cell))
     least = rng.choice((least, *[max(least, most_side // 2)] * 4))
-    rows, cols = (rng.randint(least, max(most_side, least)) for _ in range(2))
-    dem = draw_heights(rng, numbers, rows, cols, vehicle.clearance_m)
-    size = vehicle.clearance_m
-    return Case(
-        dem=dem,
-        cell=cell,
-        vehicle=vehicle,
-        limits=None,
-        corner_cutting=True,
-        omega=rng.choice((0.011, 0.011, 0.1, 0.0)),
-        sizes=draw_sizes(rng),
-        steps=draw_steps(rng, numbers, dem, size, (1, 2, 4, 8), ("astar", "corridor", "auto")),
-    )
+    shape = tuple(rng.randint(least, max(most_side, least)) for _ in range(2))
+    numbers = np.random.default_rng(rng.getrandbits(32))
+    return Body(odd_heights(numbers, shape, vehicle.clearance_m), cell, vehicle)
 
 
 def draw_vehicle(rng, cell):
@@ -75,38 +69,6 @@ def draw_vehicle(rng, cell):
         unknown_passes=rng.random() < 0.3,
         turn_cost_m_per_rad=rng.choice((None, None, 0.0, 0.3 * length, 20.0 * length)),
     )
-
-
-def check(case, place=NOWHERE):
-    """Do all steps with a planner that checks motions where it looks and with one that checks all;
-    compare them.
-    """
-    return drive(case, place, _judged, _compared)
-
-
-def _judged(case, dem, planners, ends, method, epsilon, told):
-    stands = (poses_of(planners[1]).standing() < FAILS).any(0)
-    anywhere = ends[0] < 0.1 or not stands.any()
-    cells = np.argwhere(stands | anywhere)
-    start, goal = (tuple(cells[int(share * len(cells))].tolist()) for share in ends)
-    plans = [each.plan(start, goal, method=method, epsilon=epsilon) for each in planners]
-    alike = math.isclose(plans[0].cost, plans[1].cost, rel_tol=1e-6)
-    if plans[0].status is not plans[1].status or not alike:
-        return Problem(f"lazy is not dense: {method}", f"{plans}\n{told}")
-    motions = priced(planners[1], case.omega)
-    exact = method == "astar" or epsilon == 0.0
-    given = motions, stands, start, goal, exact, epsilon, told
-    # their bounds may differ: a motion that is not checked yet counts as free
-    return problem_with_plan(plans[0], *given) or problem_with_plan(plans[1], *given)
-
-
-def _compared(case, dem, lazy, dense, fresh):
-    like_fresh = np.array_equal(poses_of(fresh).heights, poses_of(dense).heights, equal_nan=True)
-    others = [lazy, fresh] if like_fresh else [lazy]
-    codes = poses_of(dense).codes
-    if not all(np.array_equal(poses_of(each).codes, codes) for each in others):
-        return Problem("after patches motions are others", repr(case))
-    return problem_with_motions(dense, dem, repr(case))
 
 
 def poses_of(planner):
@@ -147,20 +109,20 @@ def problem_with_motions(planner, dem, told=""):
         if (differ & ~near).any():
             at = int(np.argmax(differ & ~near))
             where = f"{motion} at {at}: {ours[at]} for {codes[at]}"
-            return Problem("a code of a motion is another", f"{where}\n{told}")
+            return Finding("a code of a motion is another", f"{where}\n{told}")
         both = passes & (codes < FAILS) & (not is_turn)
         more = (ours[both] - 1.0) / MOST_CODE - t[both]
         least = -T_ALIKE - T_ROUNDED * (t.max() > 0.999)
         if not ((least <= more) & (more <= T_ROUNDED + T_ALIKE)).all():
             where = f"{motion}: {more.min()} to {more.max()} more"
-            return Problem("T of a motion is another", f"{where}\n{told}")
+            return Finding("T of a motion is another", f"{where}\n{told}")
     rng = np.random.default_rng(len(told))
     passes = np.argwhere(found[: 2 * AXIS_COUNT] < FAILS)
     for motion, row, col in rng.permutation(passes)[:SAMPLED].tolist():
         places = dense_places(motion, (row, col), poses.sides_m)
         if broken := pose_oracles.breaks_at(dem, poses.sides_m, poses.vehicle, *places):
             where = f"{motion} {(row, col)}: {broken}"
-            return Problem(f"a motion that passes breaks {broken.limit}", f"{where}\n{told}")
+            return Finding(f"a motion that passes breaks {broken.limit}", f"{where}\n{told}")
     return None
 
 
@@ -254,45 +216,3 @@ def figures_in_numpy(poses, pose):
         figures = np.stack((slope, *np.minimum(turned, slope), step, np.maximum(up, 0.0)))
         unknown = ~np.isfinite(slope + step + up)
         return np.where(unknown & ~np.isfinite(figures), np.nan, figures)
-
-
-def problem_with_plan(plan, priced, stands, start, goal, exact, epsilon=math.inf, told=""):
-    """What is wrong with an answer where motions cost so much, and the body stands on cells
-    `stands`.
-    """
-    return cases.problem_with_plan(
-        plan,
-        stands,
-        (start, goal),
-        lambda start, goal: pose_oracles.costs_to_cells(priced, start)[goal],
-        lambda path: problem_with_path(path, plan.headings_deg, priced, start, goal),
-        functools.partial(pose_oracles.path_cost, priced),
-        exact=exact,
-        epsilon=epsilon,
-        told=told,
-        also=[Status.NO_PATH, *[Status.OK] * (start == goal)],
-    )
-
-
-def problem_with_path(
-    path,
-    headings_deg,
-    priced,
-    start,
-    goal,
-):
-    """What is wrong with a path and its headings; empty if nothing is.
-
-    Each cell's heading is that of the leg that leaves it, the last one's that of the leg that
-    reaches it; degrees in [0, 360), clockwise from north, which is up the rows, as if cells were
-    square; none for a single cell.
-    """
-    if not path or path[0] != tuple(start) or path[-1] != tuple(goal):
-        return "a path with other ends"
-    if not math.isfinite(pose_oracles.path_cost(priced, path)):
-        return "a path with a leap, or through a motion that fails"
-    if len(headings_deg) != (len(path) if len(path) > 1 else 0):
-        return f"{len(headings_deg)} headings for {len(path)} cells"
-    legs = pose_oracles.headings_of(path)
-    wrong = len(path) > 1 and not np.allclose(headings_deg, [*legs, legs[-1]], atol=1e-3)
-    return "headings that are not the legs'" if wrong else ""

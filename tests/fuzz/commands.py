@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from nnpp_edge.runtime.compiled import places
-from tests.fuzz.cases import Problem
+from tests.fuzz.cases import Finding
 from tests.fuzz.children import Limits, run_forked
 
 MOST_BYTES = 1 << 30  # memory that a command may take for the small inputs of a case
@@ -76,15 +76,18 @@ class Command:
 
 
 def check(command, place):
-    """Run the case in the place's folder, which is made for it; what is wrong, if anything."""
-    assert place.samples is not None and place.folder is not None
+    """Run the case in the place's folder, which is made for it, and raise what is wrong."""
     for _ in range(2):  # the first time, other programs may have held it up
         lay_out(command, place.samples, place.folder)
         before = snapshot(place.folder)
-        problem = judge(command, execute(command, place.folder), before, snapshot(place.folder))
-        if problem is None or not problem.kind.startswith(("hangs", "cannot be interrupted")):
+        ended = execute(command, place.folder)
+        kind = judge(command, ended, before, snapshot(place.folder))
+        if not kind.startswith(("hangs", "cannot be interrupted")):
             break
-    return problem
+    if kind:
+        told = f"{command!r}\nexit code {ended.code} after {ended.wall_s:.1f} s {ended.late}\n"
+        told += f"--- stdout\n{ended.out[-1500:]}\n--- stderr\n{ended.err[-6000:]}"
+        raise Finding(f"{kind}: {command.name}", told)
 
 
 def lay_out(command, samples, folder):
@@ -151,31 +154,28 @@ def snapshot(folder):
 
 
 def judge(command, ended, before, after):
-    """What is wrong with how a command ended, and with what it left."""
-    err = ended.err
+    """What is wrong with how a command ended, and with what it left; empty if nothing."""
     stopped = ended.interrupted and command.patient
-    name = command.name
+    codes = (0, 1, 2, 3) if command.name == "profile" else (0, 1, 2)
     if "processor" in ended.late and command.patient:
-        return None
-    kind = ""
+        return ""
     if ended.late and not stopped:
-        kind = "cannot be interrupted" if command.patient else "hangs"
-    elif ended.code < 0:
-        kind = f"killed by signal {-ended.code}"
-    elif _ends_in_traceback(err) if stopped else _TRACEBACK in err.replace("Exception ignored", ""):
-        kind = "traceback"
-    elif not stopped and (chatter := _CHATTER.search(err)):
-        kind = f"chatter on stderr: {chatter[0][:40]}"
-    elif ended.code not in ((0, 1, 2, 3) if name == "profile" else (0, 1, 2)):
-        kind = f"exit code {ended.code}"
+        return "cannot be interrupted" if command.patient else "hangs"
+    if ended.code < 0:
+        return f"killed by signal {-ended.code}"
+    if stopped:
+        wrong = "traceback" if _ends_in_traceback(ended.err) else ""
+    elif _TRACEBACK in ended.err.replace("Exception ignored", ""):
+        wrong = "traceback"
+    elif chatter := _CHATTER.search(ended.err):
+        wrong = f"chatter on stderr: {chatter[0][:40]}"
+    elif ended.code not in codes:
+        wrong = f"exit code {ended.code}"
     elif ended.peak_bytes > MOST_BYTES and not command.patient:
-        kind = f"takes {ended.peak_bytes / 1e9:.1f} GB"
-    elif not stopped:
-        kind = _wrong_words(command, ended) or _wrong_json(command, ended)
-    kind = kind or _wrong_files(command, ended, before, after)
-    told = f"{command!r}\nexit code {ended.code} after {ended.wall_s:.1f} s {ended.late}\n"
-    told += f"--- stdout\n{ended.out[-1500:]}\n--- stderr\n{err[-6000:]}"
-    return Problem(f"{kind}: {name}", told) if kind else None
+        wrong = f"takes {ended.peak_bytes / 1e9:.1f} GB"
+    else:
+        wrong = _wrong_words(command, ended) or _wrong_json(command, ended)
+    return wrong or _wrong_files(command, ended, before, after)
 
 
 def _ends_in_traceback(err):

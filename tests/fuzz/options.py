@@ -9,12 +9,11 @@ import click
 
 from nnpp_edge.cli import options
 from nnpp_edge.cli.main import cli
-from tests.fuzz.cases import NOWHERE
-from tests.fuzz.commands import Command, check
+from tests.fuzz import commands
+from tests.fuzz.commands import Command
 from tests.fuzz.mutations import NUMBERS, WORDS, damaged
 from tests.fuzz.samples import DEMS
 
-__all__ = ["check"]
 BASES = {
     "costmap": ("in/dem.npz -o out/cost.npz", "in/dem.tif -o out/c.tif"),
     "plan": (
@@ -121,16 +120,21 @@ def command_of(name):
     return found
 
 
-def generate(rng, place=NOWHERE):
+def check(rng, place):
+    """A command of which the samples are there."""
+    commands.check(generate(rng, place), place)
+
+
+def generate(rng, place):
     """A command with some of its options set to what may or may not make sense, or with a file
     damaged; now and then on a full disk.
     """
-    name = rng.choices([*BASES], [SELDOM.get(name, 1.0) for name in BASES])[0]
-    words = rng.choice(BASES[name]).split()
+    name, base = rng.choices(*bases_at(place))[0]
+    words = base.split()
     patient = name in ("reproduce", "warmup")
     stdin = b"\n".join(rng.choices(_LINES, k=rng.randrange(8))) + rng.choice((b"", b"\n"))
     files = {}
-    if place.samples is None or rng.random() < 0.4:
+    if rng.random() < 0.4:
         patient |= _redraw(rng, name, words)
     elif name == "run" and rng.random() < 0.3:
         stdin = damaged(rng, place.sample("messages.jsonl"))
@@ -145,6 +149,17 @@ def generate(rng, place=NOWHERE):
         patient=patient,
         file_bytes=rng.choice((0, 1, 100, 1000, 5000, 20_000, *[256 << 20] * 100)),
     )
+
+
+def bases_at(place):
+    """Names and words of the commands whose samples have been made, and how often each is drawn."""
+    found = {}
+    for name, bases in BASES.items():
+        for base in bases:
+            named = re.findall(r"in/([\w.-]+)", base)
+            if all((place.samples / each).exists() for each in named):
+                found[name, base] = SELDOM.get(name, 1.0) / len(bases)
+    return [*found], [*found.values()]
 
 
 def _damage(rng, place, name, words):

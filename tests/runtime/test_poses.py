@@ -33,7 +33,7 @@ from nnpp_edge.runtime.search.astar import Query
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.terrain.rocks import with_rocks
 from tests import pose_oracles
-from tests.fuzz import bodies
+from tests.fuzz import bodies, sequences
 from tests.fuzz.cases import Place
 from tests.pose_oracles import rocks
 from tests.strategies import flat, scrambled
@@ -296,10 +296,7 @@ def test_what_refuses_a_pose_is_told_with_its_numbers(monkeypatch):
 
 def test_motions_and_plans_are_the_naive_ones_checked_at_once_or_where_a_search_looks(tiny_model):
     for seed in range(24):
-        case = bodies.generate(random.Random(seed), most_side=14)
-        assert (problem := bodies.check(case, Place(tiny_model.parent))) is None, (
-            f"{seed}: {problem.kind}"
-        )
+        sequences.check_bodies(random.Random(seed), Place(tiny_model.parent))
 
 
 def test_a_path_pays_for_its_turns_and_makes_none_that_fails(planner):
@@ -372,7 +369,7 @@ def test_a_search_that_reaches_its_limit_of_expansions_calls_no_dearer_path_the_
         assert found.status is not Status.OK or np.array_equal(found.path, best.path)
 
 
-def test_the_judges_of_motions_and_plans_can_fail(monkeypatch, planner):
+def test_the_judge_of_motions_can_fail(monkeypatch, planner):
     dem = flat(20, 24)
     made = planner(dem, lazy=False)
     rock = np.where(np.arange(480).reshape(dem.shape) == 250, 0.4, dem)
@@ -384,15 +381,6 @@ def test_the_judges_of_motions_and_plans_can_fail(monkeypatch, planner):
     made.state.grid.robot.moves.poses.codes[300, AXIS_COUNT] = FAILS
     monkeypatch.setattr(bodies, "T_ROUNDED", 1.0)
     assert bodies.problem_with_motions(made, dem).kind == "a code of a motion is another"
-    plan = planner(dem).plan((8, 6), (8, 12), method="astar")
-    stands = np.ones(dem.shape, bool)
-    priced = bodies.priced(planner(dem), OMEGA)
-    assert bodies.problem_with_plan(plan, priced, stands, (8, 6), (8, 12), True) is None
-    priced.legs[8, 9, 4] = np.inf
-    found = bodies.problem_with_plan(plan, priced, stands, (8, 6), (8, 12), True)
-    assert found is not None and found.kind.startswith(
-        "a path with a leap, or through a motion that fails"
-    )
 
 
 SMALL = Vehicle(length_m=1.2, width_m=0.9, clearance_m=0.3, max_tilt_deg=30.0)

@@ -27,7 +27,7 @@ from nnpp_edge.runtime.terrain.traversability import terrain_terms
 from tests import oracles
 from tests.doors import DOORS
 from tests.fuzz.sequences import interrupting
-from tests.worlds import ANY_MOTIONS, WORLDS
+from tests.worlds import ANY_MOTIONS, WORLDS, same_maps
 
 MAPS = int(os.environ.get("NNPP_EDGE_MAPS", "10"))
 ALL = WORLDS | ANY_MOTIONS
@@ -172,28 +172,6 @@ def test_what_is_added_by_the_guide_is_held_to_dijkstras_costs_too(
     test_on_a_map_that_changes_plans_and_the_standing_path_are_those_of_the_newest_map(
         name, worlds, network
     )
-
-
-def same_maps(one, other):
-    """Cells, coarse levels and a body's motions weigh the same for two planners."""
-    pyramids = [each.state.pyramid for each in (one, other)]
-    for each in (one, other):
-        each.state.grid.complete()
-    np.testing.assert_array_equal(one.state.grid.map(), other.state.grid.map())
-    poses = [each.state.grid.robot.moves.poses for each in (one, other)]
-    # heights are kept relative to the first that was known, which may have changed
-    if None not in poses and np.array_equal(*(each.heights for each in poses), equal_nan=True):
-        np.testing.assert_array_equal(*(each.codes for each in poses))
-    if one.state.grid.model.kind == "length":  # walls weigh by the dearest cell that there ever was
-        return
-    for ours, theirs in zip(*(each.levels[1:] for each in pyramids), strict=True):
-        np.testing.assert_allclose(ours.grid.weights, theirs.grid.weights, rtol=1e-6)
-        np.testing.assert_array_equal(ours.pieces, theirs.pieces)
-        np.testing.assert_array_equal(ours.links, theirs.links)
-        prices = [each.grid.robot.price for each in (ours, theirs)]
-        if prices[0].edges() is not None:
-            np.testing.assert_allclose(*(each.edges() for each in prices), rtol=1e-5)
-            np.testing.assert_allclose(*(each.edges(True) for each in prices), rtol=1e-5)
 
 
 @pytest.mark.parametrize("name", WORLDS)
