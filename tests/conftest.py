@@ -1,6 +1,7 @@
 """What several tests share: a tiny network, and the command line run in this process."""
 
 import json
+import os
 import sys
 import warnings
 from dataclasses import dataclass
@@ -8,6 +9,8 @@ from dataclasses import dataclass
 import pytest
 from hypothesis import HealthCheck, settings
 
+# networks and maps this small lose more by threads of libraries than they gain
+os.environ["OMP_NUM_THREADS"] = "1"
 LONGEST_FILES = (
     "test_warmup.py",
     "test_training.py",

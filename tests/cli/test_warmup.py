@@ -139,9 +139,12 @@ def test_two_warm_ups_at_once_fill_one_folder(tmp_path):
 
 def test_all_that_a_warm_up_compiled_is_found_by_the_next():
     here = {name: os.environ[name] for name in FOLDERS if name in os.environ}
-    python(WARM_UP, "warmup", **here)
-    told = json.loads(python(WARM_UP, "warmup", "--json", **here).stdout)
-    assert told["folder"] == str(OWN) and told["compiled"] == 0
+    told = {"compiled": 1}
+    while told["compiled"]:  # mostly it was done before the tests
+        before = told["compiled"]
+        told = json.loads(python(WARM_UP, "warmup", "--json", **here).stdout)
+        assert told["compiled"] == 0 or before == 1
+    assert told["folder"] == str(OWN)
     assert told["kernels"] <= 75 and told["kernels"] <= told["signatures"] <= 120
 
 
@@ -197,11 +200,9 @@ def test_without_a_folder_it_compiles_with_exactly_one_warning_and_the_warm_up_f
     for folder in (
         (shared, taken) if os.geteuid() == 0 else (shared, taken, locked)
     ):  # root may write everywhere
-        ended = python(COMPILE_ONE, NUMBA_CACHE_DIR=folder)
-        assert ended.returncode == 0, ended.stderr
-        assert ended.stdout == "None\n"
+        ended = python(COMPILE_ONE + WARM_UP, "warmup", NUMBA_CACHE_DIR=folder)
+        assert (ended.returncode, ended.stdout) == (2, "None\n"), ended.stderr
         assert ended.stderr.count("Warning: ") == 1 and "NUMBA_CACHE_DIR" in ended.stderr
         assert folder.is_file() or not list(folder.iterdir())
-        ended = python(WARM_UP, "warmup", NUMBA_CACHE_DIR=folder)
-        assert (ended.returncode, ended.stdout) == (2, "")
-        assert ended.stderr.startswith("error: ") and ended.stderr.count("\n") == 1
+        *_, last = ended.stderr.splitlines()
+        assert last.startswith("error: ") and ended.stderr.count("error: ") == 1

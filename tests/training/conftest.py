@@ -4,7 +4,6 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
-import torch
 
 from nnpp_edge.export.to_onnx import export_network
 from nnpp_edge.model.registry import Spec
@@ -17,15 +16,6 @@ RECIPE = Recipe((), maps=28, size=64, blocks=16, maps_per_shard=28, poolings=((1
 SMALL = Spec("edge", 64, options={"widths": (16, 16, 16, 16), "stem": 16})
 VALIDATED_AFTER = (1, 11, 12)
 """Epochs after which the training of `SMALL` is stopped, validated and resumed."""
-
-
-@pytest.fixture(scope="session", autouse=True)
-def one_thread():
-    """Networks this small lose more by torch's threads than they gain."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
 
 
 @pytest.fixture(scope="session")
