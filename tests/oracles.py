@@ -168,22 +168,6 @@ def threshold_by_loop(levels, start, goal):
     return -1
 
 
-def cheapest(cost, start, goal, step_cost="paper", corner_cutting=True, omega=0.011):
-    """Cost of the cheapest path between two cells, by Dijkstra in float64; inf where there is none.
-
-    Weights of any size: they are scaled by a power of two, so that none is lost beside scipy's idea
-    of an edge.
-    """
-    passable = cost[np.isfinite(cost) & (cost > 0.0)]
-    scale = (
-        2.0 ** -math.floor(math.log2(passable.min()))
-        if step_cost == "length" and passable.size
-        else 1.0
-    )
-    scaled = np.where(np.isfinite(cost), cost * scale, np.inf)
-    return float(dijkstra(scaled, start, step_cost, corner_cutting, omega)[goal]) / scale
-
-
 def path_problem(path, cost, start, goal, corner_cutting=True):
     """What forbids a path over a map whose impassable cells are inf; empty if nothing does."""
     if not len(path) or tuple(path[0]) != tuple(start) or tuple(path[-1]) != tuple(goal):

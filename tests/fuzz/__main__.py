@@ -28,7 +28,7 @@ BATCH_S = 5.0
 """Cases that one forked process does one after another, and seconds after which it begins none."""
 TARGETS = {
     "options": (options.check, 15, 20),
-    "layers": (layers.check, 6, 60),
+    "layers": (layers.check, 6, 80),
     "sequences": (partial(sequences.check, worlds=[sequences.OddCosts]), 7, 200),
     "elevations": (partial(sequences.check, worlds=[sequences.OddHeights]), 3, 150),
     "bodies": (sequences.check_bodies, 3, 8),
@@ -36,10 +36,8 @@ TARGETS = {
     "projections": (projections.check, 1, 60),
 }
 """By name: what does a case, its share of the batches, and how many cases a short run has."""
-MOST_TOLD = 3  # findings of one kind that are told in full
-LOADED = ("cv2", "matplotlib.font_manager", "onnx", "onnxruntime", "rasterio")
-LOADED += ("nnpp_edge.viz.picture",)
-LOADED_TO_TRAIN = ("torch", "nnpp_edge.export.to_onnx", "nnpp_edge.training.train")
+LOADED = ["cv2", "matplotlib.font_manager", "onnx", "onnxruntime", "rasterio", "nnpp_edge.viz.picture"]
+LOADED_TO_TRAIN = ["torch", "nnpp_edge.export.to_onnx", "nnpp_edge.training.train"]
 
 
 def do_case(target, seed, place):
@@ -54,8 +52,7 @@ def prepare(*, trained):
     """Make the samples where they are not there yet, and load all that cases need. Leaves no thread
     behind.
     """
-    one_thread = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-    os.environ.update(dict.fromkeys(one_thread, "1"))
+    os.environ["OMP_NUM_THREADS"] = "1"
     for name in (*LOADED, *LOADED_TO_TRAIN * trained):
         import_module(name)
     import cv2
@@ -132,7 +129,7 @@ def run(place, drawn):
             kind, _, detail = text.partition("\n")
             kinds[kind] += 1
             print(f"FOUND {kind}; again with --target {name} --seed {seed}", flush=True)
-            print(detail if kinds[kind] <= MOST_TOLD else "", flush=True)
+            print(detail, flush=True)
     for name, count in (*sorted(cases.items()), *kinds.most_common()):
         print(f"{count:>9} × {name}")
     print(f"{cases.total()} cases, {kinds.total()} findings")

@@ -17,25 +17,14 @@ from tests.fuzz.cases import Finding
 from tests.fuzz.children import Limits, run_forked
 
 MOST_BYTES = 1 << 30  # memory that a command may take for the small inputs of a case
-SLOW_COMMANDS = (
-    "dataset",
-    "train",
-    "export",
-    "quantize",
-    "learn",
-    "reproduce",
-    "profile",
-    "evaluate",
-)
+SLOW_COMMANDS = ["dataset", "train", "export", "quantize", "learn", "reproduce", "profile", "evaluate"]
 """They train, trace or measure: they get more time."""
-# they leave what is complete, to go on from
 RESUMED_COMMANDS = ("dataset", "train", "learn", "reproduce")
+"""They leave what is complete, to go on from."""
 REPLACED = ("old/", "in/trained/")
 """Results of earlier commands, which later ones may replace."""
-LOGGING_COMMANDS = (
-    "run",
-    "simulate",
-)  # they log what they refuse, before they end, and keep logs and recordings
+LOGGING_COMMANDS = ("run", "simulate")
+"""They log what they refuse, before they end, and keep logs and recordings."""
 _TEMPORARY = re.compile(r"^\..*\.[0-9a-f]{6,}$")
 _PROGRESS = re.compile(
     r"^([\w ]+: \d+ %, [\d.]+ min|(ready|recording|listening|warning): .*|(others "
@@ -51,7 +40,6 @@ _CHATTER = re.compile(
     re.MULTILINE,
 )
 _TRACEBACK = "Traceback (most recent call last)"
-Tree = dict[str, str]  # each file's kind and content, by its place
 
 
 @dataclass(frozen=True)
@@ -102,12 +90,12 @@ def lay_out(command, samples, folder):
         with contextlib.suppress(OSError):  # what is none of the samples
             copy = shutil.copytree if (samples / name).is_dir() else shutil.copy
             copy(samples / name, folder / "in" / name)
-    old = {f"old/old.{ending}": b"what was there before" for ending in ("png", "npz", "json")}
-    for name, content in (old | command.files).items():
-        (folder / name).parent.mkdir(exist_ok=True)
+    for ending in ("png", "npz", "json"):
+        (folder / f"old/old.{ending}").write_bytes(b"what was there before")
+    for name, content in command.files.items():
         (folder / name).write_bytes(content)
-    (folder / "odd" / "loop").symlink_to("loop")
-    (folder / "odd" / "link").symlink_to(command.link)
+    (folder / "odd/loop").symlink_to("loop")
+    (folder / "odd/link").symlink_to(command.link)
     for name, minor in (("null", 3), ("zero", 5), ("full", 7)):
         with contextlib.suppress(PermissionError):
             os.mknod(folder / "odd" / name, stat.S_IFCHR | 0o666, os.makedev(1, minor))
@@ -138,18 +126,16 @@ def execute(command, folder):
 
 
 def snapshot(folder):
-    """The files that a folder holds."""
+    """The files that a folder holds: kind and content of each, by its place."""
     found = {}
-    for top, names, files in os.walk(folder):
-        for path in (Path(top, name) for name in (*names, *files)):
-            mode = path.lstat().st_mode
-            place = path.relative_to(folder).as_posix()
-            if stat.S_ISLNK(mode):
-                found[place] = f"link to {path.readlink()}"
-            elif stat.S_ISREG(mode):
-                found[place] = f"bytes {hash(path.read_bytes())}"
-            elif not stat.S_ISDIR(mode):
-                found[place] = f"device {oct(mode)}"
+    for path in folder.rglob("*"):
+        place = path.relative_to(folder).as_posix()
+        if path.is_symlink():
+            found[place] = f"link to {path.readlink()}"
+        elif path.is_file():
+            found[place] = f"bytes {hash(path.read_bytes())}"
+        elif not path.is_dir():
+            found[place] = f"device {path.stat().st_rdev}"
     return found
 
 
@@ -189,14 +175,14 @@ def _ends_in_traceback(err):
 def _wrong_words(command, ended):
     """A refusal is one line; nothing ends in silence."""
     *others, last = [line for line in ended.err.split("\n") if line.strip()] or [""]
-    if command.name in LOGGING_COMMANDS:
-        refusals = [line for line in (*others, last) if line.startswith("error: ")]
-        last = (refusals or [last])[-1]  # a reader's thread may log after it
-        others = []
+    if command.name in LOGGING_COMMANDS:  # a reader's thread may log after it
+        others = [line for line in (*others, last) if line.startswith("error: ")]
+        last = others.pop() if others else last
     if ended.code == 2:
+        others = [line for line in others if not _PROGRESS.match(line)]
         if not re.match(r"error: .*\S", last):
             return "exit code 2 without a last line 'error: …'"
-        if others := [line for line in others if not _PROGRESS.match(line)]:
+        if others and command.name not in LOGGING_COMMANDS:
             return f"more than one line: {others[0][:30]}"
         if "\r" in last or "\x1b" in last or len(last) > 20_000:
             return "the error is no plain line"
@@ -227,12 +213,11 @@ def _wrong_files(command, ended, before, after):
 def _wrong_json(command, ended):
     """Whatever is printed for programs is JSON, without NaN."""
     words = {*command.words}
-    if command.name in ("profile", "train") or words & {"-h", "--help", "--version"}:
-        return ""
-    if "--json" not in words or not ended.out.strip():
+    helps = words & {"-h", "--help", "--version"}
+    if "--json" not in words or helps or command.name in ("profile", "train"):
         return ""
     try:
-        found = json.loads(ended.out, parse_constant=lambda word: int(f"{word} is no JSON"))
+        found = json.loads(ended.out or "{}", parse_constant=lambda _: int("no JSON"))
     except ValueError:
         return "no JSON on stdout"
     walks = isinstance(found, dict) and found.get("forbidden")

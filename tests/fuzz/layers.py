@@ -14,8 +14,8 @@ from nnpp_edge.robot.transports.stdio import messages
 from nnpp_edge.robot.transports.wire import WireError, decode, decode_output, encode
 from nnpp_edge.runtime import DynamicMethod, Goal, MapPatch, Navigator, Pose
 from tests import pose_oracles
-from tests.fuzz.mutations import junk_bytes, mutated, mutated_json
 from tests.fuzz import sequences
+from tests.fuzz.mutations import junk_bytes, mutated, mutated_json
 from tests.fuzz.sequences import Drive, OddCosts
 from tests.worlds import WORLDS, World, same_maps
 

@@ -2,7 +2,7 @@
 without a list.
 """
 
-import math
+import contextlib
 import re
 
 import click
@@ -132,14 +132,14 @@ def generate(rng, place):
     name, base = rng.choices(*bases_at(place))[0]
     words = base.split()
     patient = name in ("reproduce", "warmup")
-    stdin = b"\n".join(rng.choices(_LINES, k=rng.randrange(8))) + rng.choice((b"", b"\n"))
     files = {}
+    stdin = b"\n".join(rng.choices(_LINES, k=rng.randrange(8)))
     if rng.random() < 0.4:
         patient |= _redraw(rng, name, words)
     elif name == "run" and rng.random() < 0.3:
         stdin = damaged(rng, place.sample("messages.jsonl"))
     else:
-        words, files = _damage(rng, place, name, words)
+        files = _damage(rng, place, name, words)
         patient |= name == "profile"
     return Command(
         (*name.split(), *words),
@@ -163,29 +163,27 @@ def bases_at(place):
 
 
 def _damage(rng, place, name, words):
-    """The words with a map of any format, and one of the files that they name, damaged or of
-    another kind.
+    """A map of any format among the words; one of the files that they name, damaged or of another
+    kind.
     """
     dem = rng.choice(DEMS)
-    words = [re.sub(r"^in/dem\.\w+$", f"in/{dem}", word) for word in words]
-    if f"in/{dem}" in words and rng.random() < 0.5:
-        words += ["--cell-size=2"] * any(
-            each.name == "cell_size" for each in command_of(name).params
-        )
-    named = [each for each in re.findall(r"in/([\w./-]+)", " ".join(words)) if each != "trained"]
+    words[:] = [re.sub(r"^in/dem\.\w+$", f"in/{dem}", word) for word in words]
+    takes_size = any(each.name == "cell_size" for each in command_of(name).params)
+    if f"in/{dem}" in words and takes_size and rng.random() < 0.5:
+        words.append("--cell-size=2")
+    named = re.findall(r"in/(?!trained)([\w./-]+)", " ".join(words))
     if not named:
-        return words, {}
+        return {}
     file = rng.choice([each for each in named for each in INSIDE.get(each, (each,))])
+    content = place.sample(file)
     if file in DEMS and rng.random() < 0.15:
-        return words, {f"in/{file}": place.sample(rng.choice((*DEMS, "cost.npz", "tiny.onnx")))}
-    return words, {f"in/{file}": damaged(rng, place.sample(file))}
+        return {f"in/{file}": place.sample(rng.choice((*DEMS, "cost.npz", "tiny.onnx")))}
+    return {f"in/{file}": damaged(rng, content)}
 
 
 def _redraw(rng, name, words):
     """Change some of the words; whether the command may then take long."""
     patient = False
-    if words and rng.random() < 0.08:
-        del words[rng.randrange(len(words))]
     for _ in range(rng.choice((0, 1, 1, 1, 2, 2, 3, 5))):
         parameter = rng.choice(command_of(name).params)
         values = draw_values(rng, parameter, words)
@@ -199,6 +197,8 @@ def _redraw(rng, name, words):
     if rng.random() < 0.04:
         odd = rng.choice(("--nope", "-h", "--help", "extra", "--json=1", "--", ""))
         words.insert(rng.randrange(len(words) + 1), odd)
+    if words and rng.random() < 0.08:
+        del words[rng.randrange(len(words))]
     return patient
 
 
@@ -245,11 +245,9 @@ def _path(rng, kind, used):
 
 def may_take_long(word):
     """Whether a word holds a number with which a command may rightly run for long, or need much."""
-    for part in word.replace("x", ",").replace("/", ",").split(","):
-        try:
+    for part in re.split("[x/,]", word):
+        with contextlib.suppress(ValueError):
             number = abs(float(part))
-        except ValueError:
-            continue
-        if not (number == 0.0 or 0.05 <= number <= 64.0) or math.isnan(number):
-            return True
+            if not (number == 0.0 or 0.05 <= number <= 64.0):  # nan is none of them
+                return True
     return False

@@ -6,7 +6,6 @@ import functools
 import math
 import re
 import warnings
-from typing import NamedTuple
 
 import numpy as np
 import pyproj
@@ -15,6 +14,7 @@ import rasterio
 from nnpp_edge.runtime.terrain.traversability import terrain_terms
 from nnpp_edge.terrain.dem import open_dem, read_dem
 from tests.fuzz.cases import Finding
+from tests.terrain.test_dem import geotiff
 
 SYSTEMS = """
 EPSG:3857 -180 180 -84 84
@@ -46,39 +46,10 @@ tells of more.
 """
 
 
-class Map(NamedTuple):
-    """Where a plane lies, and how it rises."""
-
-    crs: str
-    middle: tuple[float, float]
-    cell_m: float
-    wider: float
-    turned_deg: float
-    shape: tuple[int, int]
-    slope_deg: float
-    towards_deg: float
-
-
-def generate(rng):
-    """A plane on a map anywhere that its system is used."""
-    crs, *bounds = rng.choice(SYSTEMS.split("\n")[1:-1]).split()
-    west, east, south, north = map(float, bounds)
-    return Map(
-        crs=crs,
-        middle=(rng.uniform(west, east), rng.uniform(south, north)),
-        cell_m=10.0 ** rng.uniform(-0.7, 3.0),
-        wider=rng.choice((1.0, 1.0, 1.0, 0.5, 1.7)),
-        turned_deg=rng.choice((0.0, 0.0, 0.0, rng.uniform(-180.0, 180.0))),
-        shape=(rng.choice((5, 12, 30, 60)), rng.choice((5, 12, 30, 60))),
-        slope_deg=rng.uniform(2.0, 50.0),
-        towards_deg=rng.uniform(0.0, 360.0),
-    )
-
-
 @functools.lru_cache(maxsize=64)
 def globe_of(crs):
-    """To the system's longitude and latitude and back, degrees in their unit, geodesics, and about
-    metres in x's.
+    """To the system's longitude and latitude, degrees in their unit, geodesics, and about metres
+    in x's.
     """
     system = pyproj.CRS(crs)
     globe = system.geodetic_crs
@@ -87,76 +58,79 @@ def globe_of(crs):
     if system.is_geographic:
         unit *= system.ellipsoid.semi_major_metre
     there = pyproj.Transformer.from_crs(system, globe, always_xy=True)
-    back = pyproj.Transformer.from_crs(globe, system, always_xy=True)
-    return there, back, degrees, system.get_geod(), unit
+    return there, degrees, system.get_geod(), unit
 
 
-def affine(case):
-    """(2, 3) from a column and a row to x and y: cells are drawn as large as if metres were those
-    of the ground.
-    """
-    _, back, degrees, _, unit = globe_of(case.crs)
-    middle = np.array(back.transform(*(angle / degrees for angle in case.middle)))
-    turned = rasterio.Affine.rotation(case.turned_deg) * rasterio.Affine.scale(case.wider, -1.0)
-    sides = np.reshape(turned[:6], (2, 3))[:, :2] * case.cell_m / unit
-    return np.column_stack((sides, middle - sides @ np.array(case.shape[::-1]) / 2))
+class Plane:
+    """A plane on a map anywhere that its system is used."""
 
+    def __init__(self, rng):
+        crs, *bounds = rng.choice(SYSTEMS.split("\n")[1:-1]).split()
+        west, east, south, north = map(float, bounds)
+        self.crs = crs
+        self.there, self.degrees, self.geod, unit = globe_of(crs)
+        self.middle = rng.uniform(west, east), rng.uniform(south, north)
+        self.shape = rng.choice((5, 12, 30, 60)), rng.choice((5, 12, 30, 60))
+        self.slope_deg = rng.uniform(2.0, 50.0)
+        # cells are drawn as large as if metres were those of the ground, oblong or turned
+        cell = 10.0 ** rng.uniform(-0.7, 3.0) / unit
+        wider = rng.choice((1.0, 1.0, 1.0, 0.5, 1.7))
+        turned = rasterio.Affine.rotation(rng.choice((0.0, 0.0, 0.0, rng.uniform(-180.0, 180.0))))
+        degrees = (angle / self.degrees for angle in self.middle)
+        x, y = self.there.transform(*degrees, direction="INVERSE")
+        rows, cols = self.shape
+        to_corner = rasterio.Affine.translation(-cols / 2, -rows / 2)
+        drawn = turned * rasterio.Affine.scale(wider * cell, -cell)
+        self.affine = rasterio.Affine.translation(x, y) * drawn * to_corner
+        towards = rng.uniform(0.0, 360.0)
+        lon, lat = self.lonlat(np.argwhere(np.ones(self.shape, bool)))
+        begin = (np.full(len(lon), angle) for angle in self.middle)
+        azimuth, _, metres = self.geod.inv(*begin, lon, lat)
+        along = metres * np.cos(np.radians(np.asarray(azimuth) - towards))
+        heights = math.tan(math.radians(self.slope_deg)) * along
+        self.heights = heights.reshape(self.shape)
 
-def lonlat(case, cells):
-    """(2, N) degrees of the middles of cells (N, 2)."""
-    there, _, degrees, _, _ = globe_of(case.crs)
-    x, y = affine(case) @ np.stack((cells[:, 1] + 0.5, cells[:, 0] + 0.5, np.ones(len(cells))))
-    return degrees * np.array(there.transform(x, y))
+    def lonlat(self, cells):
+        """(2, N) degrees of the middles of cells (N, 2)."""
+        x, y = self.affine * (cells[:, 1] + 0.5, cells[:, 0] + 0.5)
+        return self.degrees * np.array(self.there.transform(x, y))
 
-
-def plane(case):
-    """(H, W) heights that rise by the slope with the metres of ground from the map's middle."""
-    lon, lat = lonlat(case, np.argwhere(np.ones(case.shape, bool)))
-    middle = (np.full(len(lon), angle) for angle in case.middle)
-    azimuth, _, metres = globe_of(case.crs)[3].inv(*middle, lon, lat)
-    along = metres * np.cos(np.radians(np.asarray(azimuth) - case.towards_deg))
-    return (math.tan(math.radians(case.slope_deg)) * along).reshape(case.shape)
+    def metres(self, cells):
+        """(N - 1,) of the geodesics from cell to cell."""
+        lon, lat = self.lonlat(cells)
+        return np.asarray(self.geod.inv(lon[:-1], lat[:-1], lon[1:], lat[1:])[2])
 
 
 def check(rng, place):
     """Slope beside that which the plane was made with, and lengths of steps beside geodesics."""
-    case = generate(rng)
-    heights = plane(case)
-    if not np.isfinite(heights).all():
+    plane = Plane(rng)
+    if not np.isfinite(plane.heights).all():
         return  # beyond the system's own bounds
-    size = {"height": case.shape[0], "width": case.shape[1], "count": 1, "dtype": "float64"}
-    where = rasterio.Affine(*affine(case).ravel())
-    path = place.folder / "map.tif"
-    with rasterio.open(path, "w", driver="GTiff", crs=case.crs, transform=where, **size) as file:
-        file.write(heights, 1)
+    path = geotiff(place.folder / "map.tif", plane.heights, crs=plane.crs, transform=plane.affine)
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
         dem = read_dem(path)
         with open_dem(path) as windows:
             in_windows = windows.cell_size_m, windows.cell_width_m
     sides = np.array((dem.cell_size_m, dem.cell_width_m))
+    facts = f"{sides}\n{vars(plane)}"
     if in_windows != tuple(sides):
-        raise Finding("other cells in windows", repr(case))
+        raise Finding("other cells in windows", facts)
     off = [re.search(r"up to (\d+) % off", str(each.message)) for each in told]
     told_off = max((float(found[1]) / 100.0 for found in off if found), default=0.0)
-    geod = globe_of(case.crs)[3]
-
-    def metres(cells):
-        lon, lat = lonlat(case, cells)
-        return np.asarray(geod.inv(lon[:-1], lat[:-1], lon[1:], lat[1:])[2])
-
-    middle = 0.5 * np.array(case.shape) - 0.5
+    middle = 0.5 * np.array(plane.shape) - 0.5
     for side, half in zip(sides, 0.5 * np.eye(2), strict=True):
-        if abs(metres(np.stack((middle - half, middle + half)))[0] / side - 1.0) > CELL_WITHIN:
-            raise Finding("another side of a cell", f"{sides}\n{case}")
+        across = plane.metres(np.stack((middle - half, middle + half)))[0]
+        if abs(across / side - 1.0) > CELL_WITHIN:
+            raise Finding("another side of a cell", facts)
     if not told_off:
         slopes = terrain_terms(dem.elevation, cell_size_m=sides[0], cell_width_m=sides[1])[0]
-        slope = slopes[case.shape[0] // 2, case.shape[1] // 2]
-        if abs(math.tan(slope) / math.tan(math.radians(case.slope_deg)) - 1.0) > SLOPE_WITHIN:
-            raise Finding("another slope", f"{math.degrees(slope):.3f}° {sides}\n{case}")
-    ends = [[rng.randrange(1, side - 1) for side in case.shape] for _ in range(2)]
+        slope = slopes[plane.shape[0] // 2, plane.shape[1] // 2]
+        if abs(math.tan(slope) / math.tan(math.radians(plane.slope_deg)) - 1.0) > SLOPE_WITHIN:
+            raise Finding("another slope", f"{math.degrees(slope):.3f}° {facts}")
+    ends = [[rng.randrange(1, side - 1) for side in plane.shape] for _ in range(2)]
     cells = np.unique(np.linspace(*ends, 40).round().astype(int), axis=0)
     found = np.hypot(*(np.diff(cells, axis=0) * sides).T)
-    off_by = np.abs(metres(cells) / found - 1.0).max(initial=0.0)
+    off_by = np.abs(plane.metres(cells) / found - 1.0).max(initial=0.0)
     if off_by > max(WITHIN, told_off) + 0.006:
-        raise Finding("another length of a step", f"{off_by:.4f}, told {told_off} {sides}\n{case}")
+        raise Finding("another length of a step", f"{off_by:.4f}, told {told_off} {facts}")

@@ -18,7 +18,6 @@ import numpy as np
 from nnpp_edge.runtime import DynamicMethod, Method, NnppEdgeError, Status, Traversability
 from nnpp_edge.runtime.options import METHODS
 from nnpp_edge.runtime.terrain.step_cost import LEAST_WEIGHT, MOST_WEIGHT
-from tests import oracles
 from tests.fuzz import bodies
 from tests.strategies import KINDS, odd_heights, random_cell, random_costs
 from tests.worlds import OMEGA, BodyWorld, World, same_maps
@@ -155,10 +154,6 @@ class OddCosts(World):
         shape = np.minimum(self.rng.choice((1, 2, 12, 40), 2), self.told.shape)
         row, col = self.rng.integers(np.subtract(self.told.shape, shape) + 1).tolist()
         return row, col, self.drawn(self.rng, shape, self.step_cost)
-
-    def optimum(self, start, goal, begin=None, end=None):
-        """As of every world."""
-        return oracles.cheapest(self.cost.astype(float), start, goal, *self.rule)
 
     def near(self, cost):
         """As of every world."""

@@ -295,7 +295,7 @@ def test_what_refuses_a_pose_is_told_with_its_numbers(monkeypatch):
 
 
 def test_motions_and_plans_are_the_naive_ones_checked_at_once_or_where_a_search_looks(tiny_model):
-    for seed in range(24):
+    for seed in range(12):
         sequences.check_bodies(random.Random(seed), Place(tiny_model.parent))
 
 
