@@ -3,7 +3,6 @@ oracle.
 """
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from nnpp_edge.runtime.robots.slope.cost import (
     TimeCost,
 )
 from tests import oracles
+from tests.strategies import odd_heights
 
 MOBILITY = Mobility(
     time=TimeCost((-20.0, -5.0, 0.0, 12.0, 25.0), (0.3, 0.9, 0.8, 0.3, 0.1)),
@@ -23,72 +23,55 @@ MOBILITY = Mobility(
 MODELS = tuple(SLOPE_COSTS)
 
 
-@dataclass(frozen=True)
-class Hills:
-    """Heights, what is impassable on them, and two passable cells."""
-
-    dem: np.ndarray
-    sides: tuple[float, float]
-    limits: Traversability
-    passable: np.ndarray
-    start: tuple[int, int]
-    goal: tuple[int, int]
-    corner_cutting: bool
+SIDES_M = ((1.0, 1.0), (1.0, 0.7), (1.0, 2.5), (20.0, 20.0))
+LIMITS = (
+    Traversability(),
+    Traversability.safe(),
+    Traversability(hard_slope_deg=25.0),
+    Traversability(hard_slope_deg=40.0),
+    Traversability(step_limit_m=5, roughness_limit_m=8, hard_step_m=4),
+)
 
 
-def hills(rng, most_side=24, least_side=1):
-    """Slopes, ridges, steps and holes in maps of every shape; steep cells of some are
+def hills(rng, most_side=24):
+    """Heights on maps of every shape, the sides of a cell, and limits by which some are
     impassable.
     """
-    rows, cols = rng.integers(least_side, most_side + 1, 2)
-    sides = 1.0, float(rng.choice([1.0, 1.0, 0.7, 2.5]))
-    dem = rng.normal(0.0, rng.choice([0.0, 0.05, 0.2]), (rows, cols)).cumsum(int(rng.integers(2)))
-    dem += rng.uniform(-0.4, 0.4) * np.arange(rows)[:, None] + rng.uniform(-0.4, 0.4) * np.arange(
-        cols
-    )
-    dem = (dem + rng.choice([0.0, 2000.0])).astype(np.float32)
-    dem[rng.random((rows, cols)) < rng.choice([0.0, 0.0, 0.15, 0.35])] = np.nan
-    if not np.isfinite(dem).any():
-        dem[0, 0] = 0.0
-    limits = Traversability(hard_slope_deg=float(rng.choice([25.0, 40.0, math.inf])))
-    cost = traversability_cost(dem, 1.0, limits, cell_width_m=sides[1], warn=False)
-    passable = cost < 1.0
-    if not passable.any():
-        return hills(rng, most_side, least_side)
-    cells = np.argwhere(passable)
-    start, goal = (tuple(int(x) for x in cells[rng.integers(len(cells))]) for _ in range(2))
-    return Hills(dem, sides, limits, passable, start, goal, bool(rng.integers(2)))
+    shape = rng.integers(1, most_side + 1, 2)
+    sides = SIDES_M[rng.integers(len(SIDES_M))]
+    limits = LIMITS[rng.integers(len(LIMITS))]
+    dem = odd_heights(rng, shape, sides[0])
+    cost = traversability_cost(dem, sides[0], limits, cell_width_m=sides[1], warn=False)
+    return (dem, sides, limits) if (cost < 1.0).any() else hills(rng, most_side)
 
 
-def dijkstra(case, model, start, dem=None):
+def dijkstra(case, model, start):
     """(H, W) cost of the cheapest path from `start` to each cell, by scipy; inf where there is
     none.
     """
-    dem = case.dem if dem is None else dem
-    heights = np.where(np.isfinite(dem), dem, 0.0).astype(np.float64)
-    ground = ground_of(dem, case, model).ravel()
+    heights = np.where(np.isfinite(case.dem), case.dem, 0.0).astype(np.float64)
+    ground = ground_of(case, model).ravel()
 
     def price(step, one, other):
         rise = heights.flat[other] - heights.flat[one]
         cost = model.cost(math.hypot(step[0] * case.sides[0], step[1] * case.sides[1]), rise)
         return cost * (ground[one] + ground[other]) / 2 - model.height_price * rise
 
-    found = oracles.costs_from(
-        oracles.steps(case.passable, price, case.corner_cutting), dem.shape, start
-    )
+    ways = oracles.steps(case.passable, price, case.corner_cutting)
+    found = oracles.costs_from(ways, case.dem.shape, start)
     return found + model.height_price * (heights - heights[start])
 
 
-def ground_of(dem, case, model):
+def ground_of(case, model):
     """(H, W) how many times as dear a metre is on each cell."""
-    ground = model.ground(dem, case.sides)
-    return ground.astype(np.float64) if ground.size else np.ones(dem.shape)
+    ground = model.ground(case.dem, case.sides)
+    return ground.astype(np.float64) if ground.size else np.ones(case.dem.shape)
 
 
 def path_cost(path, case, model):
     """Sum of what the steps of a path cost by the model itself."""
     cells = tuple(path.T)
-    ground = ground_of(case.dem, case, model)[cells]
+    ground = ground_of(case, model)[cells]
     lengths = np.hypot(*(np.diff(path, axis=0) * case.sides).T)
     costs = model.cost(lengths, np.diff(case.dem[cells].astype(np.float64)))
     return float((costs * (ground[:-1] + ground[1:])).sum() / 2)

@@ -46,11 +46,10 @@ class ShadedWorld(World):
     """A point on heights, some of whose cells are in the shade."""
 
     def __init__(self, rng):
-        case = directed_cases.hills(rng)
-        self.layers = {"shade": self.drawn(rng, case.dem.shape)}
-        limits = replace(SHADED, hard_slope_deg=case.limits.hard_slope_deg)
-        told = np.zeros(case.dem.shape, np.float32)
-        super().__init__(rng, (case.dem, told), case.sides, limits)
+        dem, sides, limits = directed_cases.hills(rng)
+        self.layers = {"shade": self.drawn(rng, dem.shape)}
+        limits = replace(SHADED, hard_slope_deg=limits.hard_slope_deg)
+        super().__init__(rng, (dem, np.zeros(dem.shape, np.float32)), sides, limits)
 
     def drawn(self, rng, shape):
         """Shares of the time, a few of them not known."""

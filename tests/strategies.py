@@ -47,8 +47,10 @@ def random_costs(rng, shape, step_cost="paper", kind="uniform", blocked=0.0, wal
     return cost
 
 
-def odd_heights(rng, shape, size):
-    """Slopes and hills with rocks of about this size, walls, cliffs, holes and islands."""
+def odd_heights(rng, shape, size, holes=(0.05, 0.15, 0.35, 0.5)):
+    """Slopes and hills with rocks of about this size, walls, cliffs, holes and islands; `holes` are
+    their shares.
+    """
     rows, cols = shape
     row, col = np.mgrid[:rows, :cols]
     waves = np.sin(row / rng.uniform(2, 9)) + np.cos(col / rng.uniform(2, 9))
@@ -57,10 +59,9 @@ def odd_heights(rng, shape, size):
     dem += size * rng.choice((0.0, 0.01, 0.05)) * rng.normal(size=shape)
     rocks = rng.random(shape) < rng.choice((0.0, 0.01, 0.04))
     dem[rocks] += size * rng.choice((0.6, 1.0, 2.0)) * rng.random(int(rocks.sum()))
-    kind = rng.choice(("whole", "whole", "whole", "holes", "stripe", "wall", "cliff"))
+    kind = rng.choice(("whole", "whole", "holes", "holes", "stripe", "wall", "cliff"))
     if kind == "holes":
-        holes = rng.random(shape) < rng.choice((0.005, 0.02, 0.05, 0.7))
-        dem[holes] = rng.choice((np.nan, np.inf, -np.inf))
+        dem[rng.random(shape) < rng.choice(holes)] = np.nan
     elif kind == "stripe":
         dem[: rng.integers(rows + 1), cols // 2 :][:, : rng.choice((1, 1, 2, 9))] = np.nan
     elif kind == "wall":

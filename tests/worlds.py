@@ -37,13 +37,12 @@ class World:
 
     layers: ClassVar = {}
     """Numbers beside heights, by name."""
-    relief_m = 1.0
-    """By what patches change heights, about."""
 
     def __init__(self, rng, layers, sides, limits=None, *, step_cost="paper", vehicle=None):
         self.rng = rng
         self.dem, self.told = layers
         self.sides = sides
+        self.relief_m = sides[0]
         self.limits = limits
         self.step_cost = step_cost
         self.vehicle = vehicle
@@ -315,10 +314,9 @@ def on_costs(rng, step_cost="paper", vehicle=None):
 
 def on_heights(rng, step_cost="paper", vehicle=None, kind=World):
     """A point, or a disc, on slopes, ridges, steps and holes."""
-    case = directed_cases.hills(rng, int(rng.choice((24, 24, 24, 64))))
-    layers = case.dem, np.zeros(case.dem.shape, np.float32)
-    given = {"step_cost": step_cost, "vehicle": vehicle}
-    return kind(rng, layers, case.sides, case.limits, **given)
+    dem, sides, limits = directed_cases.hills(rng, int(rng.choice((24, 24, 24, 64))))
+    layers = dem, np.zeros(dem.shape, np.float32)
+    return kind(rng, layers, sides, limits, step_cost=step_cost, vehicle=vehicle)
 
 
 def with_body(rng, step_cost="paper", *, any_motions=False):

@@ -30,13 +30,20 @@ TARGETS = {
     "options": (options.check, 15, 20),
     "layers": (layers.check, 6, 80),
     "sequences": (partial(sequences.check, worlds=[sequences.OddCosts]), 7, 200),
-    "elevations": (partial(sequences.check, worlds=[sequences.OddHeights]), 3, 150),
+    "elevations": (partial(sequences.check, worlds=[WORLDS["heights"]]), 3, 150),
     "bodies": (sequences.check_bodies, 3, 8),
     "robots": (partial(sequences.check, worlds=[*WORLDS.values()]), 3, 60),
     "projections": (projections.check, 1, 60),
 }
 """By name: what does a case, its share of the batches, and how many cases a short run has."""
-LOADED = ["cv2", "matplotlib.font_manager", "onnx", "onnxruntime", "rasterio", "nnpp_edge.viz.picture"]
+LOADED = [
+    "cv2",
+    "matplotlib.font_manager",
+    "onnx",
+    "onnxruntime",
+    "rasterio",
+    "nnpp_edge.viz.picture",
+]
 LOADED_TO_TRAIN = ["torch", "nnpp_edge.export.to_onnx", "nnpp_edge.training.train"]
 
 

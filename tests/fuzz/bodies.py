@@ -39,7 +39,8 @@ def generate(rng, most_side=22):
     least = rng.choice((least, *[max(least, most_side // 2)] * 4))
     shape = tuple(rng.randint(least, max(most_side, least)) for _ in range(2))
     numbers = np.random.default_rng(rng.getrandbits(32))
-    return Body(odd_heights(numbers, shape, vehicle.clearance_m), cell, vehicle)
+    few = (0.005, 0.02, 0.05)
+    return Body(odd_heights(numbers, shape, vehicle.clearance_m, few), cell, vehicle)
 
 
 def draw_vehicle(rng, cell):

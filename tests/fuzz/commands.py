@@ -17,7 +17,16 @@ from tests.fuzz.cases import Finding
 from tests.fuzz.children import Limits, run_forked
 
 MOST_BYTES = 1 << 30  # memory that a command may take for the small inputs of a case
-SLOW_COMMANDS = ["dataset", "train", "export", "quantize", "learn", "reproduce", "profile", "evaluate"]
+SLOW_COMMANDS = [
+    "dataset",
+    "train",
+    "export",
+    "quantize",
+    "learn",
+    "reproduce",
+    "profile",
+    "evaluate",
+]
 """They train, trace or measure: they get more time."""
 RESUMED_COMMANDS = ("dataset", "train", "learn", "reproduce")
 """They leave what is complete, to go on from."""

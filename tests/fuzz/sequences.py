@@ -15,11 +15,11 @@ from unittest import mock
 
 import numpy as np
 
-from nnpp_edge.runtime import DynamicMethod, Method, NnppEdgeError, Status, Traversability
+from nnpp_edge.runtime import DynamicMethod, Method, NnppEdgeError, Status
 from nnpp_edge.runtime.options import METHODS
 from nnpp_edge.runtime.terrain.step_cost import LEAST_WEIGHT, MOST_WEIGHT
 from tests.fuzz import bodies
-from tests.strategies import KINDS, odd_heights, random_cell, random_costs
+from tests.strategies import KINDS, random_cell, random_costs
 from tests.worlds import OMEGA, BodyWorld, World, same_maps
 
 # --- interrupts
@@ -100,15 +100,6 @@ landmarks, which are kept in float32, make a search expand cells again.
 """
 
 
-SIDES_M = ((1.0, 1.0), (20.0, 20.0), (2.0, 1.7))
-LIMITS = (
-    Traversability(),
-    Traversability.safe(),
-    Traversability(slope_limit_deg=15, hard_slope_deg=15),
-    Traversability(step_limit_m=5, roughness_limit_m=8, hard_step_m=4),
-)
-
-
 def odd_costs(rng, shape, step_cost):
     """Costs at the ends of their range, above it, or far from each other: by up to 68 decades."""
     share = rng.random(shape)
@@ -167,26 +158,13 @@ class OddCosts(World):
         super().judge(plan, optimum, epsilon)
 
 
-class OddHeights(World):
-    """A point on heights with holes, walls and cliffs."""
-
-    def __init__(self, rng):
-        shape = tuple(max(int(90 ** rng.random()), int(rng.choice((1, 30)))) for _ in range(2))
-        sides = SIDES_M[rng.integers(3)]
-        dem = odd_heights(rng, shape, sides[0]).astype(rng.choice((np.float32, np.float64)))
-        layers = dem, np.zeros(shape, np.float32)
-        super().__init__(rng, layers, sides, LIMITS[rng.integers(len(LIMITS))])
-        self.relief_m = sides[0]
-        self.omega = float(rng.choice((OMEGA, 0.1, 0.0)))
-
-
 class OddBody(BodyWorld):
     """A body of one cell to seven, which fits on its map."""
 
     def __init__(self, rng):
         self.drawn = bodies.generate(random.Random(int(rng.integers(1 << 62))))
-        self.relief_m = self.drawn.vehicle.clearance_m
         super().__init__(rng, self.drawn.vehicle)
+        self.relief_m = self.drawn.vehicle.clearance_m
 
     def heights(self, rng, vehicle):
         """As of every body."""
@@ -294,9 +272,7 @@ class Drive:
 
     def compare_maps(self):
         """The map is that of a planner made afresh."""
-        # float64 heights are kept relative to one that may have changed
-        alike = self.world.dem is None or self.world.dem.dtype == np.float32
-        same_maps(self.planners[0], self.made(lazy=False) if alike else self.planners[-1])
+        same_maps(self.planners[0], self.made(lazy=False))
 
     def update(self):
         """A patch."""
