@@ -22,8 +22,9 @@ def kind_of(error):
     """By what words an exception is counted."""
     if isinstance(error, Finding):
         return error.kind
-    place = traceback.extract_tb(error.__traceback__)[-1]
-    return f"{type(error).__name__} at {Path(place.filename).name}: {place.line}"
+    places = traceback.extract_tb(error.__traceback__)
+    *_, ours = [each for each in places if "site-packages" not in each.filename]
+    return f"{type(error).__name__} at {Path(ours.filename).name}: {ours.line}"
 
 
 @functools.lru_cache(maxsize=4)

@@ -46,9 +46,9 @@ class Ended:
     was interrupted.
     """
 
-    code: int
-    out: str
-    err: str
+    code: int = 0
+    out: str = ""
+    err: str = ""
     wall_s: float = 1.0
     peak_bytes: int = 0
     late: str = ""

@@ -195,6 +195,8 @@ def _wrong_words(command, ended):
             return f"more than one line: {others[0][:30]}"
         if "\r" in last or "\x1b" in last or len(last) > 20_000:
             return "the error is no plain line"
+    if ended.code == 0 and last.startswith("error: ") and command.name not in LOGGING_COMMANDS:
+        return "exit code 0 after an error"
     silent = ended.code == 1 and not last and not ended.out.strip()
     return "exit code 1 in silence" if silent else ""
 

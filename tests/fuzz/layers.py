@@ -184,9 +184,6 @@ class LoopDrive(Drive):
     def prepare(self):
         """The loop does so by itself."""
 
-    def copy(self):
-        """The loop is not written."""
-
     def judge(self, plan, optimum, allowed):
         """As of every drive; no part of a body may be above what was told, or off the map."""
         super().judge(plan, optimum, allowed + 2.0 * TOLERANCE)

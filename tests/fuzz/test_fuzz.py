@@ -70,6 +70,7 @@ JUDGED = {
     "traceback": [{"code": 1, "err": "Traceback (most recent call last):\nValueError: x\n"}],
     "killed by signal 11": [{"code": -11}],
     "exit code 120": [{"code": 120, "err": "error: x"}],
+    "exit code 0 after an error": [{"err": "error: x"}],
     "exit code 2 without": [{"code": 2, "err": "usage\n"}],
     "more than one line": [{"code": 2, "err": "what is that?\nerror: x\n"}],
     "chatter": [{"code": 2, "err": "libpng error: bad\nerror: x\n"}],
@@ -90,15 +91,16 @@ JUDGED = {
 }
 
 
+def judged(words=("plan",), *, patient=False, before=None, after=None, **ended):
+    """What the judge says of a command that ended so."""
+    command = Command(words, patient=patient)
+    return commands.judge(command, Ended(**ended), before or {}, after or before or {})
+
+
 @pytest.mark.parametrize("kind", JUDGED)
 def test_the_judge_of_commands_passes_what_is_right_and_sees_each_wrong(kind):
     for case in JUDGED[kind]:
-        facts = {"code": 0, "out": "", "err": ""} | case
-        given = {key: facts.pop(key) for key in ("words", "patient") if key in facts}
-        before = facts.pop("before", {})
-        after = facts.pop("after", before)
-        command = Command(**{"words": ("plan",)} | given)
-        found = commands.judge(command, Ended(**facts), before, after)
+        found = judged(**case)
         assert found.startswith(kind) if kind else not found
 
 
