@@ -38,8 +38,10 @@ def random_costs(rng, shape, step_cost="paper", kind="uniform", blocked=0.0, wal
         cost = np.round(cost * 3) / 4
     elif kind == "steep" and step_cost == "length":
         cost = 10.0 ** (6.0 * cost)
-    elif kind == "any" and step_cost == "length":
-        cost = 10.0 ** (67.0 * cost - 37.5)
+    elif kind == "any":
+        decades = rng.choice((0.5, 12.0, 67.0))
+        least = rng.uniform(-37.5, 29.5 - decades) if step_cost == "length" else -decades
+        cost = 10.0 ** (least + decades * cost)
     if step_cost == "length" and kind != "any":
         cost = cost + 0.01
     cost = cost.astype(np.float32)

@@ -16,7 +16,6 @@ import numpy as np
 
 from nnpp_edge.runtime import DynamicMethod, Method, NnppEdgeError, Status
 from nnpp_edge.runtime.options import METHODS
-from nnpp_edge.runtime.terrain.step_cost import LEAST_WEIGHT, MOST_WEIGHT
 from tests import pose_oracles
 from tests.fuzz import bodies
 from tests.strategies import KINDS, random_cell, random_costs
@@ -100,31 +99,10 @@ landmarks, which are kept in float32, make a search expand cells again.
 """
 
 
-def odd_costs(rng, shape, step_cost):
-    """Costs at the ends of their range, above it, or far from each other: by up to 68 decades."""
-    share = rng.random(shape)
-    if rng.random() < 0.3:
-        share = np.round(rng.choice((0, 3, 40)) * share) / 40.0  # equal, or in levels
-    if step_cost == "paper":
-        kinds = (
-            10.0 ** (-45.0 * share),
-            1.0 - 10.0 ** (-1.0 - 8.0 * share),
-            np.where(share < 0.7, -0.0, share),
-            np.where(share > 0.9, share * 10.0 ** rng.uniform(0.0, 37.0), share),
-        )
-        return kinds[rng.integers(len(kinds))].astype(np.float32)
-    spread = rng.choice((1e-6, 0.1, 0.5, 3.0, 12.0, 20.0, 50.0, 68.0))
-    values = 10.0 ** (rng.uniform(-40.0, 32.0 - 0.9 * spread) + spread * share)
-    for _ in range(rng.integers(5)):
-        values[random_cell(rng, shape)] *= 10.0 ** rng.uniform(-30.0, 30.0)
-    return np.clip(values, LEAST_WEIGHT, MOST_WEIGHT).astype(np.float32)
-
-
 class OddCosts(World):
     """A point on costs of which some are odd."""
 
     def __init__(self, rng):
-        self.odd = rng.random() < 0.6
         step_cost = str(rng.choice(("paper", "length")))
         shape = tuple(int(40 ** rng.random()) for _ in range(2))
         costs = self.drawn(rng, shape, step_cost)
@@ -133,12 +111,9 @@ class OddCosts(World):
 
     def drawn(self, rng, shape, step_cost):
         """Costs, some of them impassable."""
-        if not self.odd:
-            blocked = rng.choice((0.0, 0.3))
-            return random_costs(rng, shape, step_cost, rng.choice(KINDS), blocked)
-        costs = odd_costs(rng, shape, step_cost)
-        costs[rng.random(shape) < rng.choice((0.0, 0.1, 0.5))] = rng.choice((np.inf, np.nan))
-        return costs
+        kind = rng.choice((*KINDS, *["any"] * 6))
+        wall = rng.choice((np.inf, np.nan, 1e37 if step_cost == "paper" else np.inf))
+        return random_costs(rng, shape, step_cost, kind, rng.choice((0.0, 0.1, 0.5)), wall)
 
     def patch_of_costs(self):
         """As of every world."""
