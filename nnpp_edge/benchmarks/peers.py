@@ -20,7 +20,7 @@ from nnpp_edge import __version__
 from nnpp_edge.outcome import gap
 from nnpp_edge.profiling.contest import Harness, RivalCalls
 from nnpp_edge.profiling.rows import Facts, Row, Rows
-from nnpp_edge.profiling.suites import Case, solvable, source_of, terrain_cases
+from nnpp_edge.profiling.suites import Case, solvable, terrain_cases
 from nnpp_edge.progress import Progress, ignore
 from nnpp_edge.runtime import Planner
 from nnpp_edge.runtime.cells import Endpoints
@@ -171,7 +171,8 @@ def compare(
     rows = Rows()
     left_out = dict[str, str]()
     done = 0
-    for case, ends in solvable(cases, queries):
+    for case in solvable(cases, queries):
+        place = {"size": case.size, "terrain": case.terrain}
         # inf where impassable
         weights = (1.0 + 2.0 * GREY_LEVELS * PAPER_OMEGA * case.cost).astype(np.float32)
         searches = dict[str, Search]()
@@ -180,46 +181,45 @@ def compare(
             if name in left_out:
                 continue
             map_s, search = harness.timed(partial(planner.prepare, weights))
-            search(ends[0])
-            seconds, _ = harness.timed(partial(search, ends[0]))
+            search(case.queries[0])
+            seconds, _ = harness.timed(partial(search, case.queries[0]))
             if seconds > LIMIT_S and name != REFERENCE and not done:
-                left_out[name] = (
-                    f"left out: {seconds:.1f} s a query, over the limit of {LIMIT_S:g} s"
-                )
+                limit = f"over the limit of {LIMIT_S:g} s"
+                left_out[name] = f"left out: {seconds:.1f} s a query, {limit}"
             else:
                 searches[name] = search
                 rows.append({"planner": name, "map_ms": 1e3 * map_s})
-        for records in harness.measure(searches, ends):
+        for records in harness.measure(searches, case.queries):
             for name, record in records.items():
                 rows.append({"planner": name, **_answer(weights, record, records[REFERENCE])})
             done += 1
             progress(done)
-    return [
-        _figures(planner, rows.of(planner.name), left_out.get(planner.name, ""))
-        for planner in planners
-    ]
+    found = []
+    for planner in planners:
+        figures = _figures(planner, rows.of(planner.name))
+        found.append({**place, **figures, "note": left_out.get(planner.name, "")})
+    return found
 
 
-def _answer(
-    weights: Weights,
-    record: RivalCalls[Endpoints, CellPath | None],
-    reference: RivalCalls[Endpoints, CellPath | None],
-) -> Row:
+Answer = RivalCalls[Endpoints, CellPath | None]
+
+
+def _answer(weights: Weights, record: Answer, reference: Answer) -> Row:
     """Figures of a planner's answer beside that of exact A*."""
+    path = record.results[0]
+    exact = reference.results[0]
+    assert exact is not None
     row: Row = {
         "time_ms": 1e3 * record.median_s,
         "failed": 1,
         "times_astar": record.median_s / reference.median_s,
     }
-    path = record.results[0]
-    exact = reference.results[0]
-    assert exact is not None
     if path is not None and (tuple(path[0]), tuple(path[-1])) == record.case:
         row |= {"gap": gap(path_cost(weights, path), path_cost(weights, exact)), "failed": 0}
     return row
 
 
-def _figures(planner: PeerPlanner, rows: Rows, note: str) -> Facts:
+def _figures(planner: PeerPlanner, rows: Rows) -> Facts:
     """All that a planner did."""
     answers = rows.having("time_ms")
     gaps = answers.all("gap")
@@ -232,7 +232,6 @@ def _figures(planner: PeerPlanner, rows: Rows, note: str) -> Facts:
         "failed": sum(row["failed"] for row in answers),
         **rows.figures(_FIGURES),
         "same_optimum": same if answers else None,
-        "note": note,
     }
 
 
@@ -254,6 +253,5 @@ def run(
     for at, size in enumerate(sorted(sizes)):
         cases = terrain_cases(dems, SOFT, size, seed)
         report = partial(lambda before, done: progress(before + done), at * queries)
-        place = {"size": size, "terrain": source_of(dems, size)}
-        rows += [place | row for row in compare(planners, cases, queries, progress=report)]
+        rows += compare(planners, cases, queries, progress=report)
     return rows, missing

@@ -148,7 +148,6 @@ _MACHINE = ("processor", "cores", "flags", "clock", "memory", "system", "version
 _WHOLE_RUN = (
     ("peak_memory_mb", "peak memory", "MB"),
     ("model_mb", "model", "MB"),
-    ("prior_ms", "prices of 64² unseen blocks", "ms"),
     *(
         (f"{key}_{state}_{end}", f"{name} {state}{of}", unit)
         for key, name in (("start_up", "first plan"), ("first_tick", "first tick"))

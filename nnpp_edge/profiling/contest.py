@@ -2,7 +2,7 @@
 
 import gc
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Generic, TypeVar
@@ -53,18 +53,12 @@ class Harness:
             result = call()
             return self.clock() - began, result
 
-    def shuffled(self, names: Iterable[str]) -> list[str]:
-        """Names in an order that is drawn anew."""
-        ordered = list(names)
-        return [ordered[at] for at in self._rng.permutation(len(ordered))]
-
     def measure(
         self,
         rivals: Mapping[str, Callable[[CaseT], ResultT]],
         cases: Iterable[CaseT],
         *,
         repeats: int = 1,
-        once: Collection[str] = (),
         before: Callable[[str], None] = ignore,
         after: Callable[[str, float, ResultT], None] = ignore,
     ) -> Iterator[dict[str, RivalCalls[CaseT, ResultT]]]:
@@ -72,19 +66,16 @@ class Harness:
         rival, in order.
 
         Cases are taken one by one, when the records of the one before have been used. In each of
-        `repeats` turns every rival is called once, in an order that is drawn anew; those in `once`
-        take part in the first turn only. `before` and `after` are called around each timed call,
-        outside the time that counts.
+        `repeats` turns every rival is called once, in an order that is drawn anew. `before` and
+        `after` are called around each timed call, outside the time that counts.
 
         What a rival raises ends the measurement: figures of the others would no longer be of the
         same cases."""
         for case in cases:
             calls: dict[str, list[tuple[float, ResultT]]] = {name: [] for name in rivals}
             with _no_garbage_collection():
-                for turn in range(repeats):
-                    names = [name for name in rivals if turn == 0 or name not in once]
-                    for at in self._rng.permutation(len(names)):
-                        name = names[at]
+                for _ in range(repeats):
+                    for name in self._rng.permutation([*rivals]).tolist():
                         before(name)
                         began = self.clock()
                         result = rivals[name](case)
@@ -107,9 +98,10 @@ def _no_garbage_collection() -> Iterator[None]:
 
 def answer(plan: Plan, time_ms: float, optimum: Plan, exact_ms: float | None) -> Row:
     """A plan's figures beside the optimum; `exact_ms` is exact A*'s time, where it was measured.
-    Whether it was found in the ``first`` region, and whether at all, ``solved``.
+    Whether it was found in the ``first`` region, and whether at all, ``solved``. Of the region that
+    was searched ``mm`` and ``region_share``, where the plan has it.
     """
-    of = outcome(plan.cost, optimum.cost, source=plan.source)
+    of = outcome(plan.cost, optimum.cost, len(optimum.path), plan.region, plan.source)
     found: Row = {
         "time_ms": time_ms,
         "first": of["found"],
@@ -123,4 +115,6 @@ def answer(plan: Plan, time_ms: float, optimum: Plan, exact_ms: float | None) ->
     if plan.ok:
         cc = {"cc": plan.traverse_cost, "exact_cc": optimum.traverse_cost}
         found |= {"gap": of["gap"], **cc}
+    if plan.region is not None:
+        found |= {"region_share": of["share"], "mm": of["mm"]}
     return found

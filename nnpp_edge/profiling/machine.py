@@ -26,8 +26,6 @@ _FLAGS = f"{_X86} {_ARM}".split()
 _PACKAGES = ("numpy", "numba", "onnxruntime", "opencv-python-headless")
 _PROC = Path("/proc")
 _SYS = Path("/sys")
-_NO_PROCESSORS = ("i915", "xe", "amd_energy")
-"""Drivers whose energies in hwmon are those of graphics cards, or count cores twice."""
 _IDLE = slice(3, 5)
 """Columns of /proc/stat that are no work: idle, and waiting for a disk."""
 _GUEST = 8
@@ -177,32 +175,3 @@ def core_seconds(cores: Sequence[int]) -> float | None:
     if counted < len(wanted):
         return None
     return ticks / os.sysconf("SC_CLK_TCK")
-
-
-class EnergyMeter:
-    """Energy of the processor by RAPL's packages, else by hwmon; NaN where neither can be read."""
-
-    def __init__(self, folder: Path = _SYS / "class") -> None:
-        # of RAPL's other zones, core and dram are parts of packages, and psys holds them
-        rapl = folder.glob("powercap/intel-rapl:*/energy_uj")
-        hwmon = folder.glob("hwmon/hwmon*/energy*_input")
-        packages = [each for each in rapl if _name_beside(each).startswith("package")]
-        others = [each for each in hwmon if _name_beside(each) not in _NO_PROCESSORS]
-        self._counters = packages or others
-        files = [path.with_name("max_energy_range_uj") for path in self._counters]
-        self._ranges = np.array([text_of(file) or math.inf for file in files], float) + 1.0
-
-    def read(self) -> np.ndarray:
-        """Microjoules of each counter."""
-        return np.array([text_of(path) or math.nan for path in self._counters], float)
-
-    def since_mj(self, before: np.ndarray) -> float:
-        """Millijoules since a reading. A counter that has wrapped around is one range further."""
-        if not self._counters:
-            return math.nan
-        return 1e-3 * float(np.sum((self.read() - before) % self._ranges))
-
-
-def _name_beside(path: Path) -> str:
-    """Name of the device whose file this is."""
-    return text_of(path.with_name("name"))

@@ -1,4 +1,4 @@
-"""What a profile says of the machine: processor, pinned cores, load by others and energy."""
+"""What a profile says of the machine: processor, pinned cores and load by others."""
 
 import os
 import subprocess
@@ -7,11 +7,10 @@ import threading
 import time
 from contextlib import contextmanager
 
-import numpy as np
 import pytest
 
 from nnpp_edge.profiling import machine
-from nnpp_edge.profiling.machine import Disturbance, EnergyMeter, environment, pinned
+from nnpp_edge.profiling.machine import Disturbance, environment, pinned
 
 
 @contextmanager
@@ -98,39 +97,6 @@ def test_cores_that_are_missing_are_said():
     assert len(said) == 1 and "4000, not all of which" in said[0]
     with pinned([4000]) as (cores, said):
         assert cores == [min(have)] and "4000" in said[0]
-
-
-def counters(folder, **counted):
-    for name, microjoules in counted.items():
-        zone = folder / "powercap" / f"intel-rapl:{name}"
-        zone.mkdir(parents=True, exist_ok=True)
-        (zone / "name").write_text(f"{name}\n")
-        (zone / "energy_uj").write_text(f"{microjoules}\n")
-        (zone / "max_energy_range_uj").write_text("999\n")
-
-
-def test_energy_is_summed_over_packages_and_a_counter_may_wrap(tmp_path):
-    counters(tmp_path, package0=900, package1=100, core=5, psys=7)
-    meter = EnergyMeter(tmp_path)
-    before = meter.read()
-    counters(tmp_path, package0=50, package1=160, core=50, psys=80)
-    assert sorted(before) == [100, 900] and meter.since_mj(before) == pytest.approx(
-        1e-3 * (150 + 60)
-    )
-    (tmp_path / "powercap/intel-rapl:package0/energy_uj").unlink()
-    assert np.isnan(meter.since_mj(before)), "one package that cannot be read"
-
-
-def test_without_rapl_energy_is_what_hwmon_counts_but_for_graphics_cards(tmp_path):
-    assert np.isnan(EnergyMeter(tmp_path).since_mj(EnergyMeter(tmp_path).read()))
-    for at, (driver, microjoules) in enumerate((("scmi_sensors", 2000), ("xe", 9000))):
-        (tmp_path / f"hwmon/hwmon{at}").mkdir(parents=True)
-        (tmp_path / f"hwmon/hwmon{at}/name").write_text(f"{driver}\n")
-        (tmp_path / f"hwmon/hwmon{at}/energy1_input").write_text(f"{microjoules}\n")
-    meter = EnergyMeter(tmp_path)
-    before = meter.read()
-    (tmp_path / "hwmon/hwmon0/energy1_input").write_text("5000\n")
-    assert before == [2000] and meter.since_mj(before) == 3.0
 
 
 RASPBERRY_PI_4 = """\
