@@ -4,13 +4,11 @@ planners.
 
 from collections.abc import Iterator
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from nnpp_edge.outcome import outcome
 from nnpp_edge.profiling.contest import Harness
-from nnpp_edge.profiling.rows import Row, Rows
+from nnpp_edge.profiling.rows import Rows
 from nnpp_edge.reproduction import drawing, paper
 from nnpp_edge.reproduction.episode import STRIDE, Episode, Step, make_episode
 from nnpp_edge.reproduction.experiment import Context, Experiment
@@ -26,12 +24,8 @@ from nnpp_edge.reproduction.paper import ASTAR, ASTAR_NN, DSTAR, DSTAR_NN, DYNAM
 from nnpp_edge.reproduction.planners import PLAIN, PLAIN_CONTROLS, PLAIN_NN, OneMap
 from nnpp_edge.reproduction.regions import CORRIDOR, NetworkPair
 from nnpp_edge.reproduction.table import seconds, written
-from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
 from nnpp_edge.runtime.planners.plan import Plan
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 COMPILED = ("astar", "nnpp", "dstar", "nnpp-dstar", "corridor", "corridor-dstar")
 PLAIN_ASTARS = (PLAIN, PLAIN_NN, PLAIN_CONTROLS[CORRIDOR])
@@ -46,9 +40,9 @@ OURS_OF = {ASTAR: "astar", ASTAR_NN: "nnpp", DSTAR: "dstar", DSTAR_NN: "nnpp-dst
 def find_episodes(context: Context, size: int, count: int) -> Iterator[tuple[int, Episode]]:
     """So many numbered episodes on crops of the terrain."""
     (size,) = context.fitting([size])
-    for number, case, query in context.maps([size], count, LEAST_DISTANCE):
+    for number, case in context.maps([size], count, LEAST_DISTANCE):
         seed = context.seed + number - 1
-        yield number, make_episode(case.cost, *query, seed, stride_on(size))
+        yield number, make_episode(case.cost, *case.queries[0], seed, stride_on(size))
 
 
 def stride_on(size: int) -> int:
@@ -66,20 +60,7 @@ def maps_of(episode: Episode, networks: NetworkPair) -> Iterator[OneMap]:
 
 def drive(episode: Episode, networks: NetworkPair, repeats: int) -> Rows:
     """Have all of `PLANNERS` make every plan of an episode; the median of `repeats` drives counts
-    for ours.
-    """
-    harness = Harness()
-    rows = Rows()
-    plans = zip(_ours(episode, networks.ours, repeats), maps_of(episode, networks), strict=True)
-    for at, (ours, here) in enumerate(plans):
-        plain = here.timed(PLAIN_ASTARS, 1, harness)
-        rows += [{"plan": at, **row} for row in (*plain, *ours)]
-    return rows
-
-
-def _ours(episode: Episode, model: NetworkModel, repeats: int) -> Iterator[list[Row]]:
-    """Rows of `COMPILED` for each plan. New planners go through the episode `repeats` times, after
-    once untimed.
+    for ours, after one that does not.
 
     A plan's time is the map's update, the network's view of it, and the plan with every widening
     and fallback. What depends on the first map alone is made before the clock starts.
@@ -88,26 +69,22 @@ def _ours(episode: Episode, model: NetworkModel, repeats: int) -> Iterator[list[
     for turn in range(repeats + 1):
         calls = {}
         for name in COMPILED:
-            planner = DynamicPlanner(episode.cost, episode.goal, name, model=model)
+            planner = DynamicPlanner(episode.cost, episode.goal, name, model=networks.ours)
             planner.prepare()
             calls[name] = partial(_replan, planner)
         drives.append(list(Harness(turn).measure(calls, episode.steps)))
-    for answers in zip(*drives, strict=True):
-        last = answers[-1]
-        optimum = last["astar"].results[0]
-        rows = []
+    harness = Harness()
+    rows = Rows()
+    plans = zip(maps_of(episode, networks), *drives, strict=True)
+    for at, (here, _, *answers) in enumerate(plans):
+        of_plan = here.plain(PLAIN_ASTARS, harness)
         for name in COMPILED:
-            plan = last[name].results[0]
-            row: Row = {
-                "planner": name,
-                "found": outcome(plan.cost, optimum.cost, source=plan.source)["found"],
-                "time_s": np.median([records[name].median_s for records in answers[1:]]),
-            }
-            if plan.ok:
-                row["cc"] = plan.traverse_cost
-                row["exact_cc"] = optimum.traverse_cost
-            rows.append(row)
-        yield rows
+            plan = answers[-1][name].results[0]
+            time_s = np.median([records[name].median_s for records in answers])
+            row = here.row(name, plan.path, source=plan.source)
+            of_plan.append({**row, "time_s": float(time_s)})
+        rows += [{"plan": at, **row} for row in of_plan]
+    return rows
 
 
 def _replan(planner: DynamicPlanner, step: Step) -> Plan:
@@ -206,7 +183,7 @@ def table4_findings(rows: Rows) -> Iterator[Finding]:
         speedup("dstar", "nnpp"),
         dynamic,
         "nnpp",
-        above=1.0,
+        least=1.0,
     )
     for what, method, ours, scene in (
         ("A*NN, static, plain", ASTAR_NN, PLAIN_NN, STATIC),
@@ -225,12 +202,8 @@ def table4_findings(rows: Rows) -> Iterator[Finding]:
         speedup("nnpp", "nnpp-dstar"),
         later,
         "nnpp-dstar",
-        above=1.0,
+        least=1.0,
     )
-
-
-def _table4_picture(rows: Rows) -> "Figure":
-    return drawing.by_planner(rows.by("scene"))
 
 
 EXPERIMENTS = {
@@ -251,7 +224,7 @@ EXPERIMENTS = {
         table4,
         ("scene", "planner"),
         table4_findings,
-        _table4_picture,
+        partial(drawing.by_planner, "scene"),
         {"size": 256, "maps": 5, "repeats": 5},
         {"size": 128, "repeats": 1, "maps": 2},
         paper.TABLE_4,

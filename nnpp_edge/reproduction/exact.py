@@ -35,25 +35,14 @@ def table1(context: Context, *, sizes: Sequence[int], maps: int) -> Iterator[Row
     """
     sizes = context.fitting(sizes)
     harness = Harness()
-    for number, case, query in context.maps([max(sizes)], maps):
+    for number, case in context.maps([max(sizes)], maps):
         for size in sizes:
-            cost, ends = _scaled(case.cost, query, size)
+            cost, ends = _scaled(case.cost, case.queries[0], size)
             graph_s, graph = harness.timed(partial(build_graph, cost))
             search_s, path = harness.timed(partial(search, graph, *ends))
             assert path is not None  # a cell is impassable only if all that it covers is
             row = paper.graph_row(size, PLAIN, graph_s, search_s, len(path))
             yield {"map": number, **row}
-
-
-def _table1_picture(rows: Rows) -> "Figure":
-    styles = {paper.ASTAR: "o--", PLAIN: "o-"}
-    title = "Mean time of a query, the graph included"
-    share = "Share of the graph in the time"
-    panels = [
-        drawing.by_size(rows, "time_s", styles, title, "seconds"),
-        drawing.by_size(rows, "graph_share", styles, share, ""),
-    ]
-    return chart([panels])
 
 
 def _scaled(cost: Float2D, query: Endpoints, size: int) -> tuple[Float2D, Endpoints]:
@@ -116,11 +105,11 @@ def fig7(context: Context, *, maps: int, size: int, fine: int, coarse: int) -> I
     omegas = np.r_[up_to_005, np.linspace(0.05, paper.OMEGA_MOST, coarse + 1)[1:]]
     harness = Harness()
     workspace = Workspace((size + 2) ** 2)
-    for number, case, query in context.maps([size], maps):
+    for number, case in context.maps([size], maps):
         swept = Rows()
         for omega in omegas.tolist():
             grid = Grid.of(case.cost, StepModel.of("paper", omega))
-            time_s, found = harness.timed(partial(astar, grid, *query, workspace))
+            time_s, found = harness.timed(partial(astar, grid, *case.queries[0], workspace))
             row: Row = {"map": number, "omega": omega}
             row["length"] = grid.costs_of(found.path)[1]
             # by the map's own costs, as the grid's are all 0 at ω = 0
@@ -236,7 +225,13 @@ EXPERIMENTS = {
         table1,
         ("size", "planner"),
         table1_findings,
-        _table1_picture,
+        partial(
+            drawing.by_size,
+            {
+                "time_s": ("Mean time of a query, the graph included", "seconds"),
+                "graph_share": ("Share of the graph in the time", ""),
+            },
+        ),
         {"sizes": (64, 128, 256, 512, 1024), "maps": 5},
         {"sizes": (64, 128, 256), "maps": 1},
         paper.TABLE_1,

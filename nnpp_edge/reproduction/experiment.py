@@ -9,7 +9,6 @@ from nnpp_edge.profiling.suites import LEAST_DISTANCE, Case, solvable, terrain_c
 from nnpp_edge.progress import THOUSANDTHS
 from nnpp_edge.reproduction.findings import Finding
 from nnpp_edge.reproduction.regions import NetworkPair
-from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.workloads import SOFT
@@ -57,11 +56,15 @@ class Context:
         return fitting
 
     def maps(
-        self, sizes: Sequence[int], count: int, least_distance: float = LEAST_DISTANCE
-    ) -> Iterator[tuple[int, Case, Endpoints]]:
-        """For each size the numbers from 1 to `count`, each with a random crop and a query on it
-        that has a path, of the paper's cost without hard limits. Progress is reported by the area
-        done.
+        self,
+        sizes: Sequence[int],
+        count: int,
+        least_distance: float = LEAST_DISTANCE,
+        queries: int = 1,
+    ) -> Iterator[tuple[int, Case]]:
+        """For each size the numbers from 1 to `count`, each with a random crop and so many queries
+        on it that have a path, of the paper's cost without hard limits. Progress is reported by the
+        area done.
 
         InvalidQueryError if too few crops have a path.
         """
@@ -70,8 +73,8 @@ class Context:
         for size in sizes:
             fitting = [dem for dem in self.terrain if min(dem.shape) >= size]
             cases = terrain_cases(fitting, SOFT, size, self.seed, least_distance)
-            for number, (case, (query,)) in enumerate(solvable(cases, count, most=1), 1):
-                yield number, case, query
+            for number, case in enumerate(solvable(cases, count * queries, queries), 1):
+                yield number, case
                 done += size**2
                 self.advance(THOUSANDTHS * done // area)
 

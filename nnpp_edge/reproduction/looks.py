@@ -2,19 +2,19 @@
 
 import math
 from collections.abc import Iterator
+from itertools import chain
 
 from nnpp_edge.profiling.rows import Rows
-from nnpp_edge.profiling.suites import LEAST_DISTANCE, Case
+from nnpp_edge.profiling.suites import LEAST_DISTANCE, QUERIES_PER_MAP, Case
 from nnpp_edge.reproduction import drawing
 from nnpp_edge.reproduction.experiment import BOTH, Context, Experiment
 from nnpp_edge.reproduction.findings import Figure, Finding, judge, mean
 from nnpp_edge.reproduction.planners import OneMap
-from nnpp_edge.reproduction.regions import NETWORK
+from nnpp_edge.reproduction.regions import NETWORK, best_path, grid_of
 from nnpp_edge.reproduction.table import percent
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.terrain.obstacles import covered
 
 _FRAMES = 5
@@ -36,8 +36,9 @@ def fig14(context: Context, *, size: int, goals: int) -> Rows:
     them.
     """
     (size,) = context.fitting([size])
-    for _, case, (start, goal) in context.maps([size], _MAPS):
-        ends = _goals(case, start, goal)[:goals]
+    for _, case in context.maps([size], _MAPS, queries=QUERIES_PER_MAP):
+        start, goal = case.queries[0]
+        ends = _goals(case)[:goals]
         moving = _moving(case.cost, start, goal)
         if len(ends) == goals and moving:
             break
@@ -63,24 +64,22 @@ def fig14(context: Context, *, size: int, goals: int) -> Rows:
     return rows
 
 
-def _goals(case: Case, start: Cell, goal: Cell) -> list[Cell]:
-    """The goal, and ends of the map's other queries that are far from the start and can be
+def _goals(case: Case) -> list[Cell]:
+    """The first query's goal, and ends of the others that are far from its start and can be
     reached.
     """
-    planner = Planner(case.cost)
-    least = LEAST_DISTANCE * len(case.cost)
-    ends = dict.fromkeys([goal, *(end for query in case.queries for end in query)])
-    return [
-        end
-        for end in ends
-        if math.dist(start, end) >= least and planner.plan(start, end, method="astar").ok
-    ]
+    start, goal = case.queries[0]
+    least = LEAST_DISTANCE * case.size
+    ends = dict.fromkeys([goal, *chain.from_iterable(case.queries)])
+    far = [end for end in ends if math.dist(start, end) >= least]
+    grid = grid_of(case.cost)
+    return [end for end in far if len(best_path(grid, (start, end)))]
 
 
 def _moving(cost: Float2D, start: Cell, goal: Cell) -> list[Float2D]:
     """The map at each frame; none if an obstacle would cover start or goal, or leave no way."""
     size = len(cost)
-    way = Planner(cost).plan(start, goal, method="astar").path
+    way = best_path(grid_of(cost), (start, goal))
     upper, lower = sorted(way[int(share * len(way))].tolist() for share in _WHERE)
     length = int(_LENGTH * size)
     depth = max(int(_DEPTH * size), 2)
@@ -92,7 +91,7 @@ def _moving(cost: Float2D, start: Cell, goal: Cell) -> list[Float2D]:
             for row, col in ((upper[0], upper[1] - moved), (lower[0], lower[1] + moved))
         ]
         changed = covered(cost, (0, 0, size, size), obstacles)
-        if not Planner(changed).plan(start, goal, method="astar").ok:
+        if not len(best_path(grid_of(changed), (start, goal))):
             return []
         costs.append(changed)
     return costs

@@ -2,7 +2,7 @@
 answer to a query.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterable
 from functools import partial
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from nnpp_edge.outcome import outcome
 from nnpp_edge.profiling.contest import Harness
 from nnpp_edge.profiling.plain_astar import build_graph, search
+from nnpp_edge.profiling.rivals import RivalPlanner
 from nnpp_edge.profiling.rows import Row, Rows
 from nnpp_edge.reproduction.regions import (
     CONTROLS,
@@ -21,7 +22,7 @@ from nnpp_edge.reproduction.regions import (
 )
 from nnpp_edge.runtime.arrays import Float2D, Int32
 from nnpp_edge.runtime.cells import Cell, Endpoints
-from nnpp_edge.runtime.planners.plan import Plan, Source
+from nnpp_edge.runtime.planners.plan import Method, Source
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.search.region import Region
 
@@ -54,16 +55,11 @@ class OneMap:
         self.cost = cost
         self.query = query
         self.networks = networks
-        self.maker = PaperRegions(cost, networks.paper)
+        self.maker = PaperRegions(cost, query, networks.paper)
         self.grid = self.maker.grid
         self.optimum = best_path(self.grid, query)
-        region = self.maker.find(query)
-        self._count = int(region.blocks().sum())
-        self.regions = {NETWORK: region, **{kind: self._control(kind) for kind in CONTROLS}}
+        self.regions = {kind: self.maker.region(kind) for kind in (NETWORK, *CONTROLS)}
         """The network's and the controls', by their names."""
-
-    def _control(self, kind: str) -> Region:
-        return self.maker.control(kind, self.query, self._count)
 
     def row(
         self,
@@ -100,41 +96,37 @@ class OneMap:
         """The paper's method and its controls, by compiled searches."""
         return Rows([self.row(PLAIN, self.optimum), *self.searched(PLAIN_KINDS)])
 
-    def timed(self, planners: Sequence[str], repeats: int, harness: Harness) -> Rows:
-        """Planners of `PLANNERS` in turns: ours `repeats` times, whose median time counts, plain
-        Python once.
-        """
-        ours = Planner(self.cost, model=self.networks.ours, ask_from=0)
+    def plain(self, names: Iterable[str], harness: Harness) -> Rows:
+        """Planners of `PLAIN_PLANNERS` in turns, once each."""
         kinds = {name: kind for kind, name in PLAIN_KINDS.items()}
-        calls: dict[str, Callable[[Endpoints], Plan | list[Cell] | None]] = {}
-        for name in planners:
-            calls[name] = partial(self._plain, kinds.get(name))
-            if name in OURS:
-                calls[name] = partial(_plan, ours, name)
-                calls[name](self.query)  # the map's own work, and warm caches
-        (records,) = harness.measure(calls, [self.query], repeats=repeats, once=PLAIN_PLANNERS)
+        calls = {name: partial(self._plain, kinds.get(name)) for name in names}
+        (records,) = harness.measure(calls, [self.query])
         rows = Rows()
         for name, record in records.items():
-            answer = record.results[-1]
-            if isinstance(answer, Plan):
-                region = ours.plan(*self.query, method=name, keep_regions=True).region
-                row = self.row(name, answer.path, region, answer.source)
-            else:
-                row = self.row(name, answer or [], self.regions.get(kinds.get(name, "")))
+            region = self.regions.get(kinds.get(name, ""))
+            row = self.row(name, record.results[0] or [], region)
             row["time_s"] = record.median_s
             if name == PLAIN_NN:
                 row["inference_s"] = self.maker.inference_s
             rows.append(row)
         return rows
 
+    def ours(self, repeats: int, harness: Harness) -> Rows:
+        """The planners `OURS` in turns, `repeats` times, whose median time counts."""
+        planner = Planner(self.cost, model=self.networks.ours, ask_from=0)
+        rivals = [RivalPlanner(name, Method(name)) for name in OURS]
+        calls = {rival.name: partial(rival.plan, planner) for rival in rivals}
+        for call in calls.values():
+            call(self.query)  # the map's own work, and warm caches
+        (records,) = harness.measure(calls, [self.query], repeats=repeats)
+        rows = Rows()
+        for name, record in records.items():
+            plan = calls[name](self.query, keep_regions=True)
+            row = self.row(name, plan.path, plan.region, plan.source)
+            rows.append({**row, "time_s": record.median_s})
+        return rows
+
     def _plain(self, kind: str | None, query: Endpoints) -> list[Cell] | None:
         """Plain A* over the map's graph, or over that of a region, which is made anew."""
-        inside = None
-        if kind is not None:
-            region = self.maker.find(query) if kind == NETWORK else self._control(kind)
-            inside = region.mask()
+        inside = None if kind is None else self.maker.region(kind).mask()
         return search(build_graph(self.cost, inside), *query)
-
-
-def _plan(planner: Planner, method: str, query: Endpoints) -> Plan:
-    return planner.plan(*query, method=method)

@@ -46,68 +46,70 @@ class NetworkPair(NamedTuple):
 
 
 class PaperRegions:
-    """Regions of one network on one map, by the paper's rule (NNPP, section 4.3 and Fig. 10).
+    """Regions of one network on one map for one query, by the paper's rule (NNPP, section 4.3 and
+    Fig. 10), and their controls.
 
-    The map is averaged to the network's size, once for each query. td is the greatest threshold at
-    which start and goal lie in one piece of {p >= td}, where blocks that touch are one piece; the
-    region is all of {p >= factor · td}, by the factor in the model's metadata. The network is run
-    once for a query, and nothing is widened or narrowed.
+    The map is averaged to the network's size. td is the greatest threshold at which start and goal
+    lie in one piece of {p >= td}, where blocks that touch are one piece; the region is all of
+    {p >= factor · td}, by the factor in the model's metadata. The network is run once, and nothing
+    is widened or narrowed.
     """
 
-    def __init__(self, cost: Float2D, model: NetworkModel) -> None:
+    def __init__(self, cost: Float2D, query: Endpoints, model: NetworkModel) -> None:
         self.cost = cost
+        self.query = query
         self.model = model.share()
         self.side = model.metadata.blocks
-        self.grid = Grid.of(cost, StepModel.of("paper"))
+        self.grid = grid_of(cost)
         self.frame = Frame(*self.grid.shape, model.metadata.input_size)
         self.lookup = self.frame.lookup(self.side)
         self.finder = RegionFinder(self.side)
         self.inference_s = math.nan
-        """Of the last query."""
+        row_block, col_block = self.lookup
+        self._ends = [(int(row_block[row]), int(col_block[col])) for row, col in query]
+        self._count = 0
 
-    def find(self, query: Endpoints) -> Region:
+    def region(self, kind: str) -> Region:
+        """The network's, or that of one of `CONTROLS`: where no network decides of as many blocks
+        as the network's, which was asked for before.
+        """
+        if kind == NETWORK:
+            return self._by_network()
+        if kind == SHUFFLED:
+            return self._shuffled.region(NETWORK)
+        return self._nearest_blocks(self._ends if kind == BAND else self._coarse_path())
+
+    def _by_network(self) -> Region:
         """The region at the model's factor on td."""
-        start, goal = query
         self.model.set_map(planes_of(self.grid, self.frame))
-        ends = self.frame.place(start), self.frame.place(goal)
+        start, goal = map(self.frame.place, self.query)
         began = time.perf_counter()
-        probability = self.model.answer(*ends, anew=True)
+        probability = self.model.answer(start, goal, anew=True)
         self.inference_s = time.perf_counter() - began
         self.finder.read(probability)
-        td = self.finder.threshold(*self._blocks(query))
+        td = self.finder.threshold(*self._ends)
         threshold = min(td, lowered(td, self.model.metadata.region_factor))
-        return self._region(self.finder.levels >= threshold)
-
-    def control(self, kind: str, query: Endpoints, count: int) -> Region:
-        """The region of one of `CONTROLS`, of `count` blocks where no network decides."""
-        if kind == SHUFFLED:
-            return self.shuffled.find(query)
-        line = self._blocks(query) if kind == BAND else self._coarse_path(query)
-        return self._nearest_blocks(line, count)
+        blocks = self.finder.levels >= threshold
+        self._count = int(blocks.sum())
+        return self._of(blocks)
 
     @functools.cached_property
-    def shuffled(self) -> "PaperRegions":
+    def _shuffled(self) -> "PaperRegions":
         """Regions of the network with shuffled weights on the same map."""
-        return PaperRegions(self.cost, shuffled(self.model.path))
+        return PaperRegions(self.cost, self.query, shuffled(self.model.path))
 
-    def _blocks(self, cells: Sequence[Cell]) -> list[Cell]:
-        """The blocks that cells lie in."""
-        row_block, col_block = self.lookup
-        return [(int(row_block[row]), int(col_block[col])) for row, col in cells]
-
-    def _region(self, blocks: Bool) -> Region:
+    def _of(self, blocks: Bool) -> Region:
         """The region of some of the blocks, (B, B) bool."""
         return Region(np.pad(blocks, (0, 1)).astype(np.int32), *self.lookup, 1)
 
-    def _coarse_path(self, query: Endpoints) -> list[Cell]:
+    def _coarse_path(self) -> list[Cell]:
         """The cheapest path over the map averaged to blocks; start and goal where there is none."""
         cost, blocked = planes_of(self.grid, Frame(*self.grid.shape, self.side))
         passable = np.where(blocked < 1.0, np.minimum(cost, np.float32(0.999)), np.float32(np.inf))
-        ends = self._blocks(query)
-        return search(build_graph(passable), *ends) or ends
+        return search(build_graph(passable), *self._ends) or self._ends
 
-    def _nearest_blocks(self, line: Sequence[Cell], count: int) -> Region:
-        """The `count` blocks nearest to a line through blocks; all of the line in any case."""
+    def _nearest_blocks(self, line: Sequence[Cell]) -> Region:
+        """The blocks nearest to a line through blocks; all of the line in any case."""
         rows, cols = np.indices((self.side, self.side))
         distance = np.full(rows.shape, np.inf)
         # the distance of every block to the nearest leg of the line
@@ -121,8 +123,13 @@ class PaperRegions:
         distance[tuple(np.transpose(line))] = -1.0
         order = np.argsort(distance, axis=None, kind="stable")
         chosen = np.zeros(distance.size, bool)
-        chosen[order[: max(count, len(set(line)))]] = True
-        return self._region(chosen.reshape(distance.shape))
+        chosen[order[: max(self._count, len(set(line)))]] = True
+        return self._of(chosen.reshape(distance.shape))
+
+
+def grid_of(cost: Float2D) -> Grid:
+    """A map with the paper's step costs."""
+    return Grid.of(cost, StepModel.of("paper"))
 
 
 def best_path(grid: Grid, query: Endpoints, region: Region | None = None) -> Int32:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -33,24 +34,19 @@ def summary(rows: Rows, by: Sequence[str], *, totals: bool = False) -> str:
     """
     everything = rows.having(*by)
     if not isinstance(everything[0][by[0]], str):
-        everything.sort(key=lambda row: float(row[by[0]]))
+        everything.sort(key=itemgetter(by[0]))
     counted = everything.answered() if totals else everything
     measured = {name for row in counted for name in row}
-    if "planner" not in by:
-        measured.discard("time_s")
     columns = {}
     for head, (name, form) in MEANS.items():
-        if totals:
-            head, form = SUMS.get(head, (head, form))
         if name in measured:
+            head, form = SUMS.get(head, (head, form)) if totals else (head, form)
             columns[head] = (name, form)
     lines = []
     for key, group in counted.groups(by).items():
         place = dict(zip(by, key, strict=True))
-        every = everything.of(**place)
-        planner = place.get("planner", "")
-        astar = counted.of(**place | {"planner": _astar_beside(planner)})
-        line = TableLine(group, every, astar)
+        astar = counted.of(**place | {"planner": _astar_beside(place.get("planner", ""))})
+        line = TableLine(group, everything.of(**place), astar)
         names = [written(name, value) for name, value in place.items()]
         lines.append([*names, *(_text(line, *column) for column in columns.values())])
     return markdown_table([*by, *columns], lines)
@@ -109,8 +105,8 @@ MEANS: dict[str, tuple[str, Form]] = {
 }
 """Columns by their heads: the figure that each needs, and how it is written."""
 SUMS: dict[str, tuple[str, Form]] = {
-    "AT": ("time in all", lambda line: seconds(line.rows.total("time_s"))),
-    "CC": ("CC", lambda line: shown(line.rows.total("cc"), ".2f")),
+    "AT": ("time in all", lambda line: seconds(sum(line.rows.all("time_s")) or math.nan)),
+    "CC": ("CC", lambda line: shown(sum(line.rows.all("cc")) or math.nan, ".2f")),
     "success": ("failed", _failed),
 }
 """Columns that differ where sums are shown: by the head of the mean their own head and form."""

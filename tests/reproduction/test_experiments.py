@@ -14,13 +14,7 @@ from nnpp_edge.profiling.suites import dems_of
 from nnpp_edge.reproduction import dynamic, runner
 from nnpp_edge.reproduction.episode import make_episode
 from nnpp_edge.reproduction.findings import Verdict, judge_increase
-from nnpp_edge.reproduction.planners import (
-    OURS,
-    PLAIN,
-    PLAIN_NN,
-    PLANNERS,
-    OneMap,
-)
+from nnpp_edge.reproduction.planners import OURS, PLAIN, PLAIN_NN, PLAIN_PLANNERS, OneMap
 from nnpp_edge.reproduction.runner import EXPERIMENTS, reproduce
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.terrain.synthetic import synthetic_terrain
@@ -166,23 +160,24 @@ def test_an_experiment_that_fails_leaves_what_was_there(run, tmp_path, monkeypat
     assert contents() == before
 
 
-@pytest.mark.parametrize("timed", [True, False])
-def test_plain_astar_is_optimal_and_the_region_is_the_networks(tiny_networks, timed):
+def test_plain_astar_is_optimal_and_the_region_is_the_networks(tiny_networks):
     cost = uniform(3, (70, 70), 0.0, 0.8)
     here = OneMap(cost, ((2, 3), (60, 66)), tiny_networks)
-    rows = here.timed(PLANNERS, 1, Harness()) if timed else here.untimed()
-    assert [row["planner"] for row in rows] == [
-        name for name in PLANNERS if timed or name not in OURS
-    ]
-    (exact_row,) = rows.of(PLAIN)
-    assert exact_row["excess"] == pytest.approx(0.0, abs=1e-5)
-    assert "mm" not in exact_row
-    (nn,) = rows.of(PLAIN_NN)
-    assert nn["excess"] >= -1e-5
-    assert 0.0 < nn["mm"] <= 1.0
-    assert rows.increase(PLAIN) == pytest.approx(0.0, abs=1e-2)
-    if timed:
-        assert 0.0 < nn["inference_s"] < nn["time_s"]
+    timed = here.plain(PLAIN_PLANNERS, Harness())
+    for rows in (timed, here.untimed()):
+        assert [row["planner"] for row in rows] == [*PLAIN_PLANNERS]
+        (exact_row,) = rows.of(PLAIN)
+        assert exact_row["excess"] == pytest.approx(0.0, abs=1e-5)
+        assert "mm" not in exact_row
+        (nn,) = rows.of(PLAIN_NN)
+        assert nn["excess"] >= -1e-5
+        assert 0.0 < nn["mm"] <= 1.0
+        assert rows.increase(PLAIN) == pytest.approx(0.0, abs=1e-2)
+    (nn,) = timed.of(PLAIN_NN)
+    assert 0.0 < nn["inference_s"] < nn["time_s"]
+    ours = here.ours(1, Harness())
+    assert [row["planner"] for row in ours] == [*OURS]
+    assert ours.increase("astar") == pytest.approx(0.0, abs=1e-2)
 
 
 def test_an_episode_is_driven_by_all(tiny_networks):

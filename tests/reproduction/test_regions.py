@@ -35,7 +35,7 @@ def joined(blocks, here):
 def test_the_papers_region_is_all_at_a_factor_of_the_greatest_threshold_that_joins_start_and_goal(
     here,
 ):
-    region = here.maker.find(QUERY)
+    region = here.regions[NETWORK]
     levels = here.maker.finder.levels.astype(int)
     td = max(level for level in range(256) if joined(levels >= level, here))
     assert here.maker.inference_s > 0.0
