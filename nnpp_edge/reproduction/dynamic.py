@@ -102,9 +102,8 @@ def table3(context: Context, *, size: int, episodes: int, repeats: int) -> Rows:
     found = [episode for _, episode in find_episodes(context, size, episodes)]
     episode = min(found, key=lambda each: abs(len(each.steps) - frames))
     before = None
-    plans = zip(maps_of(episode, context.networks), episode.steps, strict=True)
-    for at, (here, step) in enumerate(plans):
-        context.scenes.append(drawing.scene(drawing.frame(at), here, before, step.patches))
+    for at, here in enumerate(maps_of(episode, context.networks)):
+        context.scenes.append(drawing.scene(drawing.frame(at), here, before))
         before = here
     return drive(episode, context.networks, repeats)
 

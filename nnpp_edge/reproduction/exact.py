@@ -209,7 +209,7 @@ def _fig7_picture(rows: Rows) -> "Figure":
         for how, found in _best(rows).items()
     ]
     ends = (paper.OMEGA - paper.OMEGA_DEVIATION, paper.OMEGA + paper.OMEGA_DEVIATION)
-    paper_s = Curve(ends, (0.0, 0.0), "|-", f"paper: {_OMEGA}", drawing.PAPER)
+    paper_s = Curve(ends, (0.0, 0.0), "|-", f"paper: {_OMEGA}", drawing.PAPER_GREY)
     panels = [
         Panel("LEN and CC, normalised by range", both, x),
         Panel("Time of exact A*", [Curve(omegas, typical_s, "-")], x, "seconds"),
