@@ -91,8 +91,7 @@ def judged(
     rows = {PLACE(row): row for row in [*results, *of_loop]}
     lines = []
     for budget in profile.budgets:
-        quantity = QUANTITIES[budget.quantity]
-        if quantity.whole_run:
+        if QUANTITIES[budget.quantity].whole_run:
             figure = whole_run.get(budget.quantity, {}).get(budget.planner)
             at = replace(budget, workload=None, size=None)
             lines.append(_line(at, figure, None, noise))
@@ -100,7 +99,7 @@ def judged(
         for workload, size in profile.places(budget):
             row = rows.get((workload, size, budget.planner), {"halves": {}})
             at = replace(budget, workload=workload, size=size)
-            halves = row["halves"].get(quantity.basis)
+            halves = row["halves"].get(budget.basis)
             lines.append(_line(at, value_of(row, budget.quantity), halves, noise))
     return lines
 
@@ -110,11 +109,13 @@ def verdict(lines: Sequence[Facts], noise: Noise) -> str:
     throttled that any budget has, else met.
     """
     states = {line["verdict"] for line in lines}
+    if not states:  # by the run itself
+        states = {NOISY if noise.words else THROTTLED if noise.throttling.words else PASS}
     if FAIL in states:
         return MISSED
-    if states & {NOISY, ABSENT} or (noise.words and not lines):
+    if states & {NOISY, ABSENT}:
         return UNSURE
-    return THROTTLED if THROTTLED in states or (noise.throttling.words and not lines) else MET
+    return THROTTLED if THROTTLED in states else MET
 
 
 def summary(ending: str, lines: Sequence[Facts], noise: str) -> str:
@@ -166,17 +167,16 @@ def answers(lines: Sequence[Facts]) -> str:
     kept, each with its tightest figure; empty without such budgets.
     """
     said = []
-    limits = [line for line in lines if line["limit"] > 0.0]  # of 0 there is no share
     for name, quantities in _QUESTIONS.items():
-        asked = [line for line in limits if line["quantity"] in quantities]
-        measured = [line for line in asked if line["value"] is not None]
+        asked = [line for line in lines if line["quantity"] in quantities]
+        # of a limit of 0 there is no share
+        measured = [line for line in asked if line["value"] is not None and line["limit"] > 0.0]
         if not measured:
             continue
         tightest = min(measured, key=lambda line: line["value"] / line["limit"])
         states = {line["verdict"] for line in asked}
         word = "no" if FAIL in states else "yes" if states == {PASS} else "cannot tell"
-        question = name.format(tightest["limit"])
-        said.append(f"{question}: {word} ({shown(tightest['value'])}).")
+        said.append(f"{name.format(tightest['limit'])}: {word} ({shown(tightest['value'])}).")
     return " ".join(said)
 
 
@@ -188,8 +188,7 @@ def _line(
 ) -> Facts:
     """The line of a budget at one place, by a report's figure and the medians of both halves."""
     value = None if figure is None else QUANTITIES[at.quantity].scale * figure
-    if value is None:
-        halves = None
+    halves = None if value is None else halves
     state, why = _verdict(at, value, halves, noise)
     return asdict(at) | {"value": value, "halves": halves, "verdict": state, "why": why}
 
@@ -220,7 +219,7 @@ def _verdict(
     limits = {"least" if at_least else "most": budget.limit}
     kept = Interval(value, value, value).within(**limits)
     state = PASS if kept else FAIL
-    if not QUANTITIES[budget.quantity].basis:
+    if not budget.basis:
         return state, ""
 
     # signs of noise; of throttling, where there are none and a budget is missed
