@@ -6,7 +6,7 @@ import math
 import os
 import platform
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -109,27 +109,25 @@ class Disturbance:
     def __init__(self, cores: Sequence[int]) -> None:
         self._cores = cores
         self._sums = np.zeros(4)
-        self._left_out = np.zeros(2)
-        self._began = np.zeros(4)
+        self._left_out = np.zeros(4)
 
-    def start(self) -> None:
-        self._began = self._clocks()
-
-    def stop(self) -> None:
-        """Add what has passed since `start`."""
-        self._sums += self._clocks() - self._began
+    @contextmanager
+    def watched(self) -> Iterator[None]:
+        """Count what passes meanwhile."""
+        began = self._clocks()
+        yield
+        self._sums += self._clocks() - began
 
     def leave_out(self, wall_s: float, worked_s: float) -> None:
         """Leave out a call in which this thread may have waited for threads of its own."""
-        self._left_out += wall_s, worked_s
+        self._left_out[:2] += wall_s, worked_s
 
-    def left_out(self, call: Callable[[], ResultT]) -> ResultT:
-        """The result of a call that counts neither as work nor as waiting."""
-        began = time.perf_counter()
-        worked = time.thread_time()
-        result = call()
-        self.leave_out(time.perf_counter() - began, time.thread_time() - worked)
-        return result
+    @contextmanager
+    def left_out(self) -> Iterator[None]:
+        """Count what passes meanwhile neither as work nor as waiting."""
+        began = self._clocks()
+        yield
+        self.leave_out(*(self._clocks() - began)[:2])
 
     @property
     def elapsed_s(self) -> float:
@@ -139,23 +137,23 @@ class Disturbance:
         """Share of its time that this thread stood still though it had work to do: beyond its
         processor time.
         """
-        wall_s, worked_s = self._sums[:2] - self._left_out
+        wall_s, worked_s, _, _ = self._sums - self._left_out
         return max(1.0 - float(worked_s / wall_s), 0.0) if wall_s > 0.0 else 0.0
 
     def others_share(self) -> float | None:
         """Share of the cores' time that went to other processes, interrupts or a virtual machine's
         other guests.
         """
-        elapsed, _, own, busy = self._sums.tolist()
-        if math.isnan(busy) or not elapsed:
+        elapsed_s, _, own_s, busy_s = self._sums.tolist()
+        if math.isnan(busy_s) or not elapsed_s:
             return None
-        return min(max((busy - own) / (elapsed * len(self._cores)), 0.0), 1.0)
+        return min(max((busy_s - own_s) / (elapsed_s * len(self._cores)), 0.0), 1.0)
 
     def _clocks(self) -> np.ndarray:
         """Seconds on the wall, of this thread, of this process, and that the cores worked."""
-        busy = core_seconds(self._cores)
+        busy_s = core_seconds(self._cores)
         own = time.perf_counter(), time.thread_time(), time.process_time()
-        return np.array((*own, math.nan if busy is None else busy))
+        return np.array((*own, math.nan if busy_s is None else busy_s))
 
 
 def core_seconds(cores: Sequence[int]) -> float | None:

@@ -178,7 +178,8 @@ class _Session:
             nonlocal worked_s
             on_map.renew(name)
             if sensors.due():
-                disturbance.left_out(sensors.read)
+                with disturbance.left_out():
+                    sensors.read()
             worked_s = time.thread_time()
 
         def after(name: str, elapsed_s: float, plan: Plan) -> None:
@@ -189,20 +190,20 @@ class _Session:
             call(case.queries[0])  # the map's own work, and warm caches
         repeats = self.profile.load.repeats
         found = []
-        disturbance.start()
-        for records in self.harness.measure(
-            on_map.calls, case.queries, repeats=repeats, before=before, after=after
-        ):
-            rows = {name: _row(record, records[EXACT]) for name, record in records.items()}
-            # networks last, so that no planner follows what others do not; each on the map that it
-            # was shown last, encoded anew, and a query
-            times = disturbance.left_out(partial(inference_ms, networks, self.harness))
-            for name, ms in times.items():
-                rows[name]["inference_ms"] = ms
-            if "nnpp-fp32" in times:
-                rows["nnpp"]["fp32_ms"] = times["nnpp-fp32"]
-            found.append(rows)
-        disturbance.stop()
+        with disturbance.watched():
+            for records in self.harness.measure(
+                on_map.calls, case.queries, repeats=repeats, before=before, after=after
+            ):
+                rows = {name: _row(record, records[EXACT]) for name, record in records.items()}
+                # networks last, so that no planner follows what others do not; each on the map that
+                # it was shown last, encoded anew, and a query
+                with disturbance.left_out():
+                    times = inference_ms(networks, self.harness)
+                for name, ms in times.items():
+                    rows[name]["inference_ms"] = ms
+                if "nnpp-fp32" in times:
+                    rows["nnpp"]["fp32_ms"] = times["nnpp-fp32"]
+                found.append(rows)
         return found
 
     def _arriving(self, case: Case, rows: list[dict[str, Row]]) -> None:

@@ -36,10 +36,8 @@ def test_another_process_on_the_core_is_seen():
     watch = Disturbance([core])
     if machine.core_seconds([core]) is None:
         pytest.skip("this kernel does not count the cores' time")
-    with busy_core(core), pinned([core]):
-        watch.start()
+    with busy_core(core), pinned([core]), watch.watched():
         work(0.3)
-        watch.stop()
     assert watch.others_share() > 0.25
 
 
@@ -48,9 +46,8 @@ def test_own_work_is_not_that_of_others(monkeypatch):
     monkeypatch.setattr(machine, "core_seconds", lambda cores: time.process_time())
     watch = Disturbance([0])
     for _ in range(3):
-        watch.start()
-        work(0.02)
-        watch.stop()
+        with watch.watched():
+            work(0.02)
         work(0.02)  # not watched
     assert watch.others_share() < 0.05
     assert watch.elapsed_s > 0.05
@@ -60,8 +57,8 @@ def test_a_kernel_that_does_not_count_is_not_taken_for_an_idle_one(monkeypatch, 
     (tmp_path / "stat").write_text("cpu  0 0 0 0 0 0 0 0 0 0\ncpu0 0 0 0 0 0 0 0 0 0 0\n")
     monkeypatch.setattr(machine, "_PROC", tmp_path)
     watch = Disturbance([0])
-    watch.start()
-    watch.stop()
+    with watch.watched():
+        pass
     assert watch.others_share() is None
 
 
