@@ -68,32 +68,24 @@ def test_rivals_take_turns_in_an_order_that_is_drawn_anew_and_the_same_for_the_s
     assert called == order(1) != order(2)
 
 
-def test_medians_quantiles_and_the_middle_call(clock):
-    times = iter([5.0, 1.0, 3.0, 2.0, 4.0])
+def test_medians_the_middle_call_and_no_garbage_collected_meanwhile(clock):
+    seconds = iter([5.0, 1.0, 3.0, 2.0, 4.0])
+    collected = []
 
     def call(case):
-        seconds = next(times)
-        clock.now += seconds
-        return f"took {seconds}"
+        collected.append(gc.isenabled())
+        took = next(seconds)
+        clock.now += took
+        return f"took {took}"
 
-    (records,) = Harness(clock=clock).measure({"x": call}, [0], repeats=4)
+    harness = Harness(clock=clock)
+    for records in harness.measure({"x": call}, [0], repeats=4):
+        collected.append(gc.isenabled())
     record = records["x"]
     assert record.median_s == 2.5
     assert record.middle() == (2.0, "took 2.0")  # of the two in the middle the faster one
-    assert Harness(clock=clock).timed(partial(call, 0)) == (4.0, "took 4.0")
-
-
-def test_garbage_is_not_collected_while_calls_are_timed(clock):
-    seen = []
-
-    def call(case):
-        seen.append(gc.isenabled())
-
-    assert gc.isenabled()
-    for _ in Harness(clock=clock).measure({"x": call}, [0, 1]):
-        seen.append(gc.isenabled())
-    Harness(clock=clock).timed(lambda: call(0))
-    assert seen == [False, True, False, True, False] and gc.isenabled()
+    assert harness.timed(partial(call, 0)) == (4.0, "took 4.0")
+    assert collected == [*[False] * 4, True, False] and gc.isenabled()
 
 
 def test_a_gap_is_a_share_of_the_optimum_also_where_energy_is_got_back():

@@ -15,11 +15,8 @@ SOLVE_THE_SAME = ("astar", "skimage.graph", "scipy dijkstra")
 
 
 @pytest.fixture(scope="module")
-def terrain(tmp_path_factory):
-    path = tmp_path_factory.mktemp("terrain") / "dem.npz"
-    dem = np.cumsum(np.random.default_rng(4).normal(0.0, 0.4, (80, 90)), axis=1).astype(np.float32)
-    np.savez(path, elevation_m=dem, cell_size_m=5.0)
-    return path
+def terrain(ground_file):
+    return ground_file(80, 5.0)
 
 
 def test_a_row_for_each_size_and_planner(nnpp_edge, terrain, tmp_path):

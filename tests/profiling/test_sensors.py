@@ -49,17 +49,6 @@ def fake(tmp_path):
     return tree
 
 
-def test_what_the_kernel_tells_without_files_that_cannot_be_read(fake, tmp_path):
-    log = Sensors([0, 1], tmp_path)
-    log.read()
-    assert log.limits == LIMITS
-    assert [row["value"] for row in log.readings] == [1800.0, 1800.0, 55.25, 3, 3]
-    fake.clock(0, "<unknown>")
-    (tmp_path / "class/thermal/thermal_zone0/temp").unlink()
-    log.read()
-    assert [row["value"] for row in log.readings[5:]] == [1800.0, 3, 3]
-
-
 def test_a_machine_that_tells_nothing_has_no_readings_and_is_not_called_throttled(tmp_path):
     log = Sensors([0, 7], tmp_path)
     log.read()
@@ -119,16 +108,21 @@ def test_when_a_run_is_called_throttled(fake, tmp_path, clocks, temperatures, co
     assert found.share == pytest.approx(float(share))
 
 
-def test_the_report_tells_ranges_limits_and_the_verdict(fake, tmp_path):
+def test_the_report_tells_ranges_and_limits_of_what_can_be_read_and_the_verdict(fake, tmp_path):
     log = Sensors([0, 1], tmp_path)
     for mhz, degrees in ((2000, 60), (1900, 85), (1200, 84), (1200, 83)):
         fake.clock(0, 1000 * mhz)
         fake.temperature(1000 * degrees)
         log.read()
+    fake.clock(0, "<unknown>")
+    (tmp_path / "class/thermal/thermal_zone0/temp").unlink()
+    fake.write("devices/system/cpu/cpu1/thermal_throttle/core_throttle_count", 4)
+    log.read()
+    assert log.limits == LIMITS
     facts = log.facts()
     clock = facts["clock_mhz"]["0"]
     temperature = facts["temperature_c"]["cpu 0"]
     assert clock == {"first": 2000, "last": 1200, "min": 1200, "max": 2000, "limit": 2000}
     assert temperature == {"first": 60, "last": 83, "min": 60, "max": 85, "trip": 85}
     assert "core 0 fell" in facts["throttled"] and "core 1" not in facts["throttled"]
-    assert "in 1 of 4 readings" in facts["throttled"]
+    assert "in 1 of 4 readings" in facts["throttled"] and "1 times" in facts["throttled"]
