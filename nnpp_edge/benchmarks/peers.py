@@ -17,16 +17,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge import __version__
-from nnpp_edge.outcome import gap
-from nnpp_edge.profiling.contest import Harness, RivalCalls
+from nnpp_edge.profiling.contest import Answer, Harness, RivalCalls, beside, priced
 from nnpp_edge.profiling.rows import Facts, Row, Rows
 from nnpp_edge.profiling.suites import Case, solvable, terrain_cases
 from nnpp_edge.progress import Progress, ignore
 from nnpp_edge.runtime import Planner
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.exercises import exercise
+from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.network.inference import NetworkModel
-from nnpp_edge.runtime.terrain.step_cost import GREY_LEVELS, PAPER_OMEGA
+from nnpp_edge.runtime.terrain.step_cost import GREY_LEVELS, PAPER_OMEGA, StepModel
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.workloads import SOFT
 
@@ -142,16 +142,6 @@ _OTHERS = {
 """By the modules that must be importable; scikit-image makes the graph for scipy."""
 
 
-def path_cost(weights: Weights, path: CellPath) -> float:
-    """Length times mean weight, summed over a path's steps; inf where it jumps."""
-    steps = np.abs(np.diff(path, axis=0))
-    if steps.max(initial=0) > 1:
-        return math.inf
-    along = weights[path[:, 0], path[:, 1]].astype(np.float64)
-    means = 0.5 * (along[1:] + along[:-1])
-    return float(np.sum(np.hypot(*steps.T) * means))
-
-
 def compare(
     planners: Sequence[PeerPlanner],
     cases: Iterable[Case],
@@ -189,9 +179,14 @@ def compare(
             else:
                 searches[name] = search
                 rows.append({"planner": name, "map_ms": 1e3 * map_s})
+        grid = Grid.of(weights, StepModel.of("length"))
         for records in harness.measure(searches, case.queries):
+            reference = records[REFERENCE]
+            optimum = _answer(grid, reference)
             for name, record in records.items():
-                rows.append({"planner": name, **_answer(weights, record, records[REFERENCE])})
+                row: Row = {"planner": name, "time_ms": 1e3 * record.median_s}
+                row["times_astar"] = record.median_s / reference.median_s
+                rows.append(row | beside(_answer(grid, record), optimum))
             done += 1
             progress(done)
     found = []
@@ -201,22 +196,12 @@ def compare(
     return found
 
 
-Answer = RivalCalls[Endpoints, CellPath | None]
-
-
-def _answer(weights: Weights, record: Answer, reference: Answer) -> Row:
-    """Figures of a planner's answer beside that of exact A*."""
+def _answer(grid: Grid, record: RivalCalls[Endpoints, CellPath | None]) -> Answer:
+    """A planner's answer, priced; none unless it leads from start to goal."""
     path = record.results[0]
-    exact = reference.results[0]
-    assert exact is not None
-    row: Row = {
-        "time_ms": 1e3 * record.median_s,
-        "failed": 1,
-        "times_astar": record.median_s / reference.median_s,
-    }
-    if path is not None and (tuple(path[0]), tuple(path[-1])) == record.case:
-        row |= {"gap": gap(path_cost(weights, path), path_cost(weights, exact)), "failed": 0}
-    return row
+    if path is None or (tuple(path[0]), tuple(path[-1])) != record.case:
+        path = np.empty((0, 2), np.int32)
+    return priced(grid, np.asarray(path, np.int32))
 
 
 def _figures(planner: PeerPlanner, rows: Rows) -> Facts:
@@ -229,7 +214,7 @@ def _figures(planner: PeerPlanner, rows: Rows) -> Facts:
         "version": __version__ if planner.package == "nnpp-edge" else version(planner.package),
         "objective": planner.objective,
         "n": len(answers),
-        "failed": sum(row["failed"] for row in answers),
+        "failed": len(answers) - len(gaps),
         **rows.figures(_FIGURES),
         "same_optimum": same if answers else None,
     }

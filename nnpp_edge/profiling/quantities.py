@@ -56,7 +56,7 @@ _FIGURES: dict[str, Figure] = {
     "speedup_plain": methodcaller("ratio", "plain_ms", "time_ms"),
     "int8_speedup": _int8_speedup,
     "cc_excess": methodcaller("increase"),
-    "success_first": methodcaller("figure", "first_mean"),
+    "success_first": methodcaller("figure", "found_mean"),
     "success": methodcaller("figure", "solved_mean"),
 }
 """Of the quantities that are called otherwise than `Rows.figure` calls them."""

@@ -65,14 +65,14 @@ def scene(title: str, here: OneMap, before: OneMap | None = None) -> Panel:
     `before` also that one's path, and what has changed.
     """
     region = here.regions[NETWORK]
-    path = best_path(here.grid, here.query, region)
+    path = best_path(here.grid, here.query, region).path
     lines = [
         Drawn(path, PATH, 5.0, "path in the region"),
-        Drawn(here.optimum, OPTIMUM, 1.2, "exact optimum"),
+        Drawn(here.optimum.path, OPTIMUM, 1.2, "exact optimum"),
     ]
     tints = [Tint(region.mask(), 0.4, REGION, "region")]
     if before is not None:
-        lines.insert(0, Drawn(before.optimum, GRID, 3.0, "path before"))
+        lines.insert(0, Drawn(before.optimum.path, GRID, 3.0, "path before"))
         tints.append(Tint(here.cost != before.cost, 0.6, GOAL, "changed"))
     picture = Chart(here.cost).picture(*here.query, lines=lines, tints=tints)
     return Panel(title, (), image=picture[..., ::-1])  # from OpenCV's order of colours

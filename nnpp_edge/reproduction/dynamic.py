@@ -4,6 +4,7 @@ planners.
 
 from collections.abc import Iterator
 from functools import partial
+from operator import methodcaller
 
 import numpy as np
 
@@ -13,17 +14,17 @@ from nnpp_edge.reproduction import drawing, paper
 from nnpp_edge.reproduction.episode import STRIDE, Episode, Step, make_episode
 from nnpp_edge.reproduction.experiment import Context, Experiment
 from nnpp_edge.reproduction.findings import (
+    Figure,
     Finding,
     judge,
     judge_increase,
-    judge_speedup,
-    speedup,
+    judge_speedups,
     stated,
 )
 from nnpp_edge.reproduction.paper import ASTAR, ASTAR_NN, DSTAR, DSTAR_NN, DYNAMIC, STATIC
 from nnpp_edge.reproduction.planners import PLAIN, PLAIN_CONTROLS, PLAIN_NN, OneMap
 from nnpp_edge.reproduction.regions import CORRIDOR, NetworkPair
-from nnpp_edge.reproduction.table import seconds, written
+from nnpp_edge.reproduction.table import seconds
 from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
 from nnpp_edge.runtime.planners.plan import Plan
 
@@ -32,9 +33,6 @@ PLAIN_ASTARS = (PLAIN, PLAIN_NN, PLAIN_CONTROLS[CORRIDOR])
 PLANNERS = (*PLAIN_ASTARS, *COMPILED)
 LEAST_DISTANCE = 0.7
 """Between start and goal, as a share of the map's side: four plans or more at 256²."""
-PLAIN_OF = {ASTAR: PLAIN, ASTAR_NN: PLAIN_NN}
-OURS_OF = {ASTAR: "astar", ASTAR_NN: "nnpp", DSTAR: "dstar", DSTAR_NN: "nnpp-dstar"}
-"""For each of the paper's methods ours."""
 
 
 def find_episodes(context: Context, size: int, count: int) -> Iterator[tuple[int, Episode]]:
@@ -81,8 +79,7 @@ def drive(episode: Episode, networks: NetworkPair, repeats: int) -> Rows:
         for name in COMPILED:
             plan = answers[-1][name].results[0]
             time_s = np.median([records[name].median_s for records in answers])
-            row = here.row(name, plan.path, source=plan.source)
-            of_plan.append({**row, "time_s": float(time_s)})
+            of_plan.append({**here.row(name, plan), "time_s": float(time_s)})
         rows += [{"plan": at, **row} for row in of_plan]
     return rows
 
@@ -110,45 +107,28 @@ def table3(context: Context, *, size: int, episodes: int, repeats: int) -> Rows:
 
 def table3_findings(rows: Rows) -> Iterator[Finding]:
     """Findings on the rows of one episode, beside the paper's table."""
+    theirs = paper.TABLE_3
     for slow, fast in ((ASTAR, ASTAR_NN), (ASTAR, DSTAR), (DSTAR, DSTAR_NN)):
-        yield from _speedups(slow, fast, paper.TABLE_3, rows)
-    for method, ours in ((ASTAR_NN, PLAIN_NN), (DSTAR_NN, "nnpp-dstar")):
-        claim = f"CC increase of {_short(method)} ({written('planner', ours)})"
-        yield judge_increase(claim, paper.TABLE_3.increase(method), rows, ours)
-
-    def last_s(rows: Rows, planner: str) -> float:
-        return rows.of(planner).all("time_s")[-1]
-
-    nn_s = last_s(rows, "nnpp-dstar")
-    dstar_s = last_s(rows, "dstar")
+        yield from judge_speedups(slow, fast, theirs, rows)
+    yield judge_increase("A*NN (plain A*NN)", theirs.increase(ASTAR_NN), rows, PLAIN_NN)
+    yield judge_increase("D*NN (`nnpp-dstar`)", theirs.increase(DSTAR_NN), rows, "nnpp-dstar")
+    *their_s, nn_s, dstar_s = (
+        of.of(planner).all("time_s")[-1]
+        for of, planner in (
+            (theirs, DSTAR_NN),
+            (theirs, DSTAR),
+            (rows, "nnpp-dstar"),
+            (rows, "dstar"),
+        )
+    )
     yield stated(
         "near the goal, in the last frame, D*NN takes longer than D*",
-        f"{seconds(last_s(paper.TABLE_3, DSTAR_NN))} against "
-        f"{seconds(last_s(paper.TABLE_3, DSTAR))}",
+        " against ".join(map(seconds, their_s)),
         f"{seconds(nn_s)} against {seconds(dstar_s)}",
         "`nnpp-dstar` takes longer",
         holds=True,
         better=nn_s <= dstar_s,
     )
-
-
-def _short(method: str) -> str:
-    return method.removeprefix("paper's ")
-
-
-def _speedups(
-    slow: str,
-    fast: str,
-    theirs: Rows,
-    rows: Rows,
-    where: str = "",
-) -> Iterator[Finding]:
-    """One of the paper's methods over another, plain where we have both so, and compiled."""
-    gain = theirs.speedup(slow, fast)
-    for label, ours in (("plain", PLAIN_OF), ("ours", OURS_OF)):
-        if slow in ours and fast in ours:
-            claim = f"speed-up of {_short(fast)} over {_short(slow)}{where}, both {label}"
-            yield judge_speedup(claim, gain, rows, ours[slow], ours[fast])
 
 
 def table4(context: Context, *, size: int, maps: int, repeats: int) -> Rows:
@@ -172,14 +152,14 @@ def table4_findings(rows: Rows) -> Iterator[Finding]:
         (ASTAR_NN, DSTAR_NN, DYNAMIC),
     ):
         theirs = paper.TABLE_4.of(scene=scene)
-        yield from _speedups(slow, fast, theirs, rows.of(scene=scene), f", {scene}")
+        yield from judge_speedups(slow, fast, theirs, rows.of(scene=scene), f", {scene}")
     dynamic = rows.of(scene=DYNAMIC)
     gain = paper.TABLE_4.of(scene=DYNAMIC).speedup(DSTAR, ASTAR_NN)
     yield judge(
         "the network gains A* more than D* does: A*NN is faster than D*, dynamic, both ours",
         f"{gain:.2f}×",
         "`nnpp` takes less time than `dstar`",
-        speedup("dstar", "nnpp"),
+        Figure(methodcaller("speedup", "dstar", "nnpp"), "{:.3g}×".format),
         dynamic,
         "nnpp",
         least=1.0,
@@ -190,7 +170,7 @@ def table4_findings(rows: Rows) -> Iterator[Finding]:
         ("D*NN, dynamic, ours", DSTAR_NN, "nnpp-dstar", DYNAMIC),
     ):
         increase = paper.TABLE_4.of(scene=scene).increase(method)
-        yield judge_increase(f"CC increase of {what}", increase, rows.of(scene=scene), ours)
+        yield judge_increase(what, increase, rows.of(scene=scene), ours)
     later = Rows(row for row in dynamic if row["plan"])
     if not later:
         return
@@ -198,7 +178,7 @@ def table4_findings(rows: Rows) -> Iterator[Finding]:
         "D*NN repairs, and gains by it, dynamic (`nnpp-dstar`)",
         "yes",
         "faster than afresh, by the plans after the first",
-        speedup("nnpp", "nnpp-dstar"),
+        Figure(methodcaller("speedup", "nnpp", "nnpp-dstar"), "{:.3g}×".format),
         later,
         "nnpp-dstar",
         least=1.0,

@@ -68,7 +68,7 @@ def make_episode(
     """
     base = np.ascontiguousarray(cost, np.float32)
     obstacles = Obstacles((base.shape[0], base.shape[1]), np.random.default_rng(seed))
-    path = best_path(grid_of(base), (start, goal))
+    path = best_path(grid_of(base), (start, goal)).path
     steps = [Step(start, ())]
     if not len(path):
         raise InvalidQueryError(
@@ -82,7 +82,7 @@ def make_episode(
         for _ in range(_TRIES):
             obstacles.next_scene(here, goal, rest)
             covered = obstacles.cover(base, (0, 0, *base.shape))
-            found = best_path(grid_of(covered), (here, goal))
+            found = best_path(grid_of(covered), (here, goal)).path
             if len(found):
                 path = found
                 break

@@ -1,7 +1,7 @@
 """The paper's claims beside the measured figures, judged by plain rules."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import partial
@@ -12,7 +12,8 @@ import numpy as np
 
 from nnpp_edge.profiling.intervals import Interval
 from nnpp_edge.profiling.rows import Rows
-from nnpp_edge.reproduction.planners import CONTROLS_OF
+from nnpp_edge.reproduction.paper import ASTAR, ASTAR_NN, DSTAR, DSTAR_NN
+from nnpp_edge.reproduction.planners import CONTROLS_OF, PLAIN, PLAIN_NN
 from nnpp_edge.reproduction.table import percent
 
 
@@ -48,6 +49,11 @@ class Finding:
 ENOUGH = 100
 """Queries from which on a verdict needs no interval."""
 SAMPLES = 200
+OURS_OF = {
+    "plain": {ASTAR: PLAIN, ASTAR_NN: PLAIN_NN},
+    "ours": {ASTAR: "astar", ASTAR_NN: "nnpp", DSTAR: "dstar", DSTAR_NN: "nnpp-dstar"},
+}
+"""In place of each of the paper's methods, in plain Python and compiled."""
 _PLACE = ("scene", "size")
 _QUERY = ("map", "goal")
 ONE_POINT = 0.01
@@ -59,16 +65,6 @@ class Figure(NamedTuple):
 
     of: Callable[[Rows], float]
     written: Callable[[float], str]
-
-
-def speedup(slow: str, fast: str) -> Figure:
-    """Of one planner over another."""
-    return Figure(methodcaller("speedup", slow, fast), "{:.3g}×".format)
-
-
-def increase(planner: str) -> Figure:
-    """Share by which a planner's CC exceeds the optimum."""
-    return Figure(methodcaller("increase", planner), partial(percent, digits=2))
 
 
 def mean(name: str, planner: str, **values: object) -> Figure:
@@ -154,25 +150,39 @@ def with_control(rows: Rows, kind: str) -> Rows:
     return swapped
 
 
-def judge_speedup(
-    claim: str, theirs: float, rows: Rows, slow: str, fast: str, *, near: bool = False
-) -> Finding:
-    """A finding on the speed-up of one planner over another: theirs within 25 %, or more.
-
-    With `near` a control counts where its CC increase is no more than a point above the network's.
+def pairs(slow: str, fast: str) -> Iterator[tuple[str, str, str]]:
+    """Two of the paper's methods in words, and ours in their place: plain where we have both so,
+    and compiled.
     """
-    most = rows.increase(fast) + ONE_POINT
-    return judge(
-        claim,
-        f"{theirs:.1f}×",
-        "within 25 % of the paper's",
-        speedup(slow, fast),
-        rows,
-        fast,
-        least=0.75 * theirs,
-        better_from=1.25 * theirs,
-        also=lambda rows: not near or rows.increase(fast) <= most,
-    )
+    over = f"{fast} over {slow}".replace("paper's ", "")
+    for label, ours in OURS_OF.items():
+        if {slow, fast} <= ours.keys():
+            yield f"{over}, both {label}", ours[slow], ours[fast]
+
+
+def judge_speedups(
+    slow: str, fast: str, theirs: Rows, rows: Rows, where: str = ""
+) -> Iterator[Finding]:
+    """Findings on the speed-up of one of the paper's methods over another: theirs within 25 %, or
+    more. A control counts where its CC increase is no more than a point above the network's.
+    """
+    gain = theirs.speedup(slow, fast)
+    for words, exact, network in pairs(slow, fast):
+        yield judge(
+            f"speed-up of {words}{where}",
+            f"{gain:.1f}×",
+            "within 25 % of the paper's",
+            Figure(methodcaller("speedup", exact, network), "{:.3g}×".format),
+            rows,
+            network,
+            least=0.75 * gain,
+            better_from=1.25 * gain,
+            also=partial(_no_dearer, network, rows.increase(network) + ONE_POINT),
+        )
+
+
+def _no_dearer(planner: str, most: float, rows: Rows) -> bool:
+    return rows.increase(planner) <= most
 
 
 def judge_increase(claim: str, theirs: float, rows: Rows, planner: str) -> Finding:
@@ -180,10 +190,10 @@ def judge_increase(claim: str, theirs: float, rows: Rows, planner: str) -> Findi
     or less.
     """
     return judge(
-        claim,
+        f"CC increase of {claim}",
         percent(theirs),
         WITHIN,
-        increase(planner),
+        Figure(methodcaller("increase", planner), partial(percent, digits=2)),
         rows,
         planner,
         most=theirs + ONE_POINT,

@@ -59,7 +59,7 @@ def fig14(context: Context, *, size: int, goals: int) -> Rows:
             of_first = first.regions[row["planner"]].blocks()
             common = (blocks & of_first).sum() / (blocks | of_first).sum()
             rows.append({"part": part, "scene": name, **row, "common": float(common)})
-        excess = percent(found.of(NETWORK).mean("excess"), 2)
+        excess = percent(found.of(NETWORK).mean("gap"), 2)
         context.scenes.append(drawing.scene(f"{name}: {excess} above the optimum", here))
     return rows
 
@@ -73,13 +73,13 @@ def _goals(case: Case) -> list[Cell]:
     ends = dict.fromkeys([goal, *chain.from_iterable(case.queries)])
     far = [end for end in ends if math.dist(start, end) >= least]
     grid = grid_of(case.cost)
-    return [end for end in far if len(best_path(grid, (start, end)))]
+    return [end for end in far if len(best_path(grid, (start, end)).path)]
 
 
 def _moving(cost: Float2D, start: Cell, goal: Cell) -> list[Float2D]:
     """The map at each frame; none if an obstacle would cover start or goal, or leave no way."""
     size = len(cost)
-    way = best_path(grid_of(cost), (start, goal))
+    way = best_path(grid_of(cost), (start, goal)).path
     upper, lower = sorted(way[int(share * len(way))].tolist() for share in _WHERE)
     length = int(_LENGTH * size)
     depth = max(int(_DEPTH * size), 2)
@@ -91,7 +91,7 @@ def _moving(cost: Float2D, start: Cell, goal: Cell) -> list[Float2D]:
             for row, col in ((upper[0], upper[1] - moved), (lower[0], lower[1] + moved))
         ]
         changed = covered(cost, (0, 0, size, size), obstacles)
-        if not len(best_path(grid_of(changed), (start, goal))):
+        if not len(best_path(grid_of(changed), (start, goal)).path):
             return []
         costs.append(changed)
     return costs
@@ -101,7 +101,7 @@ def fig14_findings(rows: Rows) -> Iterator[Finding]:
     """Findings on the rows of both parts: goals, and frames with obstacles."""
     for part, what in (("goals", "goal"), ("obstacles", "frame")):
         own = rows.of(NETWORK, part=part)
-        excess = percent(max(own.all("excess"), default=math.nan), 2)
+        excess = percent(max(own.all("gap"), default=math.nan), 2)
         yield judge(
             f"a good path in the region for every {what}",
             "yes (pictures)",
@@ -127,7 +127,7 @@ def fig14_findings(rows: Rows) -> Iterator[Finding]:
 
 def _greatest_excess(rows: Rows) -> float:
     """Inf where a path is missing."""
-    return max(float(row.get("excess", math.inf)) for row in rows.of(NETWORK))
+    return max(float(row.get("gap", math.inf)) for row in rows.of(NETWORK))
 
 
 EXPERIMENTS = {

@@ -7,8 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from nnpp_edge.outcome import outcome
-from nnpp_edge.profiling.contest import Harness
+from nnpp_edge.profiling.contest import Answer, Harness, beside, priced
 from nnpp_edge.profiling.plain_astar import build_graph, search
 from nnpp_edge.profiling.rivals import RivalPlanner
 from nnpp_edge.profiling.rows import Row, Rows
@@ -20,11 +19,10 @@ from nnpp_edge.reproduction.regions import (
     PaperRegions,
     best_path,
 )
-from nnpp_edge.runtime.arrays import Float2D, Int32
+from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Endpoints
-from nnpp_edge.runtime.planners.plan import Method, Source
+from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.planners.planner import Planner
-from nnpp_edge.runtime.search.region import Region
 
 PLAIN = "plain A*"
 PLAIN_NN = "plain A*NN"
@@ -61,35 +59,18 @@ class OneMap:
         self.regions = {kind: self.maker.region(kind) for kind in (NETWORK, *CONTROLS)}
         """The network's and the controls', by their names."""
 
-    def row(
-        self,
-        planner: str,
-        path: Int32 | list[Cell],
-        region: Region | None = None,
-        source: Source | None = Source.REGION,
-    ) -> Row:
-        """Figures of a path found in this region or on the whole map."""
+    def row(self, planner: str, found: Answer | Plan) -> Row:
+        """Figures of an answer."""
         start, goal = self.query
-        least_cost, _, exact_cc = self.grid.costs_of(self.optimum)
-        cost, _, cc = self.grid.costs_of(np.reshape(path, (-1, 2)).astype(np.int32))
-        of = outcome(cost, least_cost, len(self.optimum), region, source)
-        row: Row = {
-            "planner": planner,
-            "start": "{},{}".format(*start),
-            "goal": "{},{}".format(*goal),
-            "path_cells": len(self.optimum),
-            "found": of.pop("found"),
-        }
-        if "gap" in of:
-            row |= {"cc": cc, "exact_cc": exact_cc, "excess": of.pop("gap")}
-        return row | of
+        place = {"start": "{},{}".format(*start), "goal": "{},{}".format(*goal)}
+        cells = len(self.optimum.path)
+        return {"planner": planner, **place, "path_cells": cells, **beside(found, self.optimum)}
 
     def searched(self, names: dict[str, str]) -> Rows:
         """Figures of compiled searches in regions, under these names by the regions' kinds."""
         rows = Rows()
         for kind, name in names.items():
-            region = self.regions[kind]
-            rows.append(self.row(name, best_path(self.grid, self.query, region), region))
+            rows.append(self.row(name, best_path(self.grid, self.query, self.regions[kind])))
         return rows
 
     def untimed(self) -> Rows:
@@ -104,7 +85,8 @@ class OneMap:
         rows = Rows()
         for name, record in records.items():
             region = self.regions.get(kinds.get(name, ""))
-            row = self.row(name, record.results[0] or [], region)
+            path = np.array(record.results[0] or np.empty((0, 2)), np.int32)
+            row = self.row(name, priced(self.grid, path, region))
             row["time_s"] = record.median_s
             if name == PLAIN_NN:
                 row["inference_s"] = self.maker.inference_s
@@ -122,8 +104,7 @@ class OneMap:
         rows = Rows()
         for name, record in records.items():
             plan = calls[name](self.query, keep_regions=True)
-            row = self.row(name, plan.path, plan.region, plan.source)
-            rows.append({**row, "time_s": record.median_s})
+            rows.append({**self.row(name, plan), "time_s": record.median_s})
         return rows
 
     def _plain(self, kind: str | None, query: Endpoints) -> list[Cell] | None:

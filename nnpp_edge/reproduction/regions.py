@@ -15,8 +15,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from nnpp_edge.profiling.contest import Answer, priced
 from nnpp_edge.profiling.plain_astar import build_graph, search
-from nnpp_edge.runtime.arrays import Bool, Float2D, Int32
+from nnpp_edge.runtime.arrays import Bool, Float2D
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.kernels.threshold import lowered
 from nnpp_edge.runtime.map.grid import Grid
@@ -132,9 +133,10 @@ def grid_of(cost: Float2D) -> Grid:
     return Grid.of(cost, StepModel.of("paper"))
 
 
-def best_path(grid: Grid, query: Endpoints, region: Region | None = None) -> Int32:
-    """(N, 2) cells of the cheapest path in a region, or on the whole map; empty without a path."""
-    return astar(grid, *query, Workspace(len(grid.weights)), region=region).path
+def best_path(grid: Grid, query: Endpoints, region: Region | None = None) -> Answer:
+    """The cheapest path in a region, or on the whole map."""
+    found = astar(grid, *query, Workspace(len(grid.weights)), region=region)
+    return priced(grid, found.path, region)
 
 
 @functools.cache

@@ -96,10 +96,10 @@ MEANS: dict[str, tuple[str, Form]] = {
     "path, cells": ("path_cells", ".0f"),
     "CC": ("cc", ".2f"),
     "CC increase": ("exact_cc", lambda line: percent(line.rows.increase(), 2)),
-    "cost above the optimum": ("excess", "z.2%"),
+    "cost above the optimum": ("gap", "z.2%"),
     "success": ("found", "z.1%"),
     "MM": ("mm", lambda line: spread(line.rows.all("mm"), 3)),
-    "region, of the map": ("share", "z.1%"),
+    "region, of the map": ("region_share", "z.1%"),
     "in common with the first": ("common", "z.1%"),
     "best ω": ("best_omega", lambda line: spread(line.rows.all("best_omega"), 4)),
 }

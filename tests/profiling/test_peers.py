@@ -81,10 +81,3 @@ def test_obstacles_are_obstacles_to_all_and_queries_without_a_path_are_passed_ov
         assert (row["n"], row["failed"]) == (2, 0), name
         assert row["same_optimum"] or name not in SOLVE_THE_SAME
         assert np.isfinite(row["gap_max"]), name
-
-
-def test_a_paths_cost_is_length_times_mean_weight():
-    weights = np.array([[1.0, 2.0], [4.0, 8.0]], np.float32)
-    path = np.array([(0, 0), (0, 1), (1, 0), (1, 0)])
-    assert peers.path_cost(weights, path) == pytest.approx(1.5 + 3.0 * np.sqrt(2.0))
-    assert peers.path_cost(np.ones((3, 3), np.float32), np.array([(0, 0), (0, 2)])) == np.inf

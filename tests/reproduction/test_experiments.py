@@ -167,10 +167,10 @@ def test_plain_astar_is_optimal_and_the_region_is_the_networks(tiny_networks):
     for rows in (timed, here.untimed()):
         assert [row["planner"] for row in rows] == [*PLAIN_PLANNERS]
         (exact_row,) = rows.of(PLAIN)
-        assert exact_row["excess"] == pytest.approx(0.0, abs=1e-5)
+        assert exact_row["gap"] == pytest.approx(0.0, abs=1e-5)
         assert "mm" not in exact_row
         (nn,) = rows.of(PLAIN_NN)
-        assert nn["excess"] >= -1e-5
+        assert nn["gap"] >= -1e-5
         assert 0.0 < nn["mm"] <= 1.0
         assert rows.increase(PLAIN) == pytest.approx(0.0, abs=1e-2)
     (nn,) = timed.of(PLAIN_NN)
@@ -188,6 +188,6 @@ def test_an_episode_is_driven_by_all(tiny_networks):
     assert plans > 2
     assert len(rows) == plans * len(dynamic.PLANNERS)
     for plan in rows.by("plan").values():
-        assert plan.of(PLAIN).mean("excess") == pytest.approx(0.0, abs=1e-5)
+        assert plan.of(PLAIN).mean("gap") == pytest.approx(0.0, abs=1e-5)
         for name in ("astar", "dstar"):
             assert plan.increase(name) == pytest.approx(0.0, abs=1e-2)

@@ -51,7 +51,7 @@ def test_controls_are_as_large_as_the_networks_region_and_join_start_and_goal(he
         assert joined(here.regions[name].blocks(), here)
     for row in here.searched({kind: kind for kind in here.regions}):
         assert row["found"]
-        assert row["excess"] >= -1e-6
+        assert row["gap"] >= -1e-6
 
 
 def test_the_corridor_goes_round_what_the_straight_band_runs_into(tiny_networks):
@@ -86,4 +86,4 @@ def test_training_and_the_reproduction_say_the_same_of_the_same_queries(tiny_net
         rows += here.searched({NETWORK: NETWORK})
     assert rows.mean("found") == judged.success
     assert rows.mean("mm") == pytest.approx(judged.mm)
-    assert rows.mean("excess") == pytest.approx(judged.gap, abs=1e-6)
+    assert rows.mean("gap") == pytest.approx(judged.gap, abs=1e-6)
