@@ -3,8 +3,8 @@
 import os
 import subprocess
 import sys
-import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 
 import pytest
@@ -64,27 +64,17 @@ def test_a_kernel_that_does_not_count_is_not_taken_for_an_idle_one(monkeypatch, 
 
 def test_threads_are_pinned_and_set_free_again():
     before = os.sched_getaffinity(0)
-    seen = []
-    wait = threading.Event()
-    done = threading.Event()
+    core = min(before)
+    with ThreadPoolExecutor(1) as pool:
 
-    def look():
-        wait.wait()
-        seen.append(os.sched_getaffinity(0))
-        done.wait()
-        seen.append(os.sched_getaffinity(0))
+        def of_both():
+            return [os.sched_getaffinity(0), pool.submit(os.sched_getaffinity, 0).result()]
 
-    thread = threading.Thread(target=look)
-    thread.start()
-    with pinned([min(before)]) as (cores, said):
-        assert (cores, said) == ([min(before)], [])
-        assert os.sched_getaffinity(0) == {min(before)}
-        wait.set()
-        while not seen:
-            time.sleep(0.001)
-    done.set()
-    thread.join()
-    assert seen == [{min(before)}, before] and os.sched_getaffinity(0) == before
+        assert of_both() == [before] * 2
+        with pinned([core]) as (cores, said):
+            assert (cores, said) == ([core], [])
+            assert of_both() == [{core}] * 2
+        assert of_both() == [before] * 2
 
 
 def test_cores_that_are_missing_are_said():
