@@ -194,7 +194,6 @@ EXPERIMENTS = {
         table3_findings,
         None,
         {"size": 256, "episodes": 12, "repeats": 5},
-        {"size": 128, "repeats": 1, "episodes": 3},
         paper.TABLE_3,
     ),
     "table4": Experiment(
@@ -205,7 +204,6 @@ EXPERIMENTS = {
         table4_findings,
         partial(drawing.by_planner, "scene"),
         {"size": 256, "maps": 5, "repeats": 5},
-        {"size": 128, "repeats": 1, "maps": 2},
         paper.TABLE_4,
         totals=True,
     ),

@@ -220,7 +220,6 @@ EXPERIMENTS = {
             },
         ),
         {"sizes": (64, 128, 256, 512, 1024), "maps": 5},
-        {"sizes": (64, 128, 256), "maps": 1},
         paper.TABLE_1,
         networks=(),
     ),
@@ -232,7 +231,6 @@ EXPERIMENTS = {
         fig7_findings,
         _fig7_picture,
         {"maps": paper.OMEGA_MAPS, "size": 256, "fine": 50, "coarse": 30},
-        {"maps": 8, "fine": 25},
         networks=(),
     ),
 }

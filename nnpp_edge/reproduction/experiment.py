@@ -63,20 +63,18 @@ class Context:
         queries: int = 1,
     ) -> Iterator[tuple[int, Case]]:
         """For each size the numbers from 1 to `count`, each with a random crop and so many queries
-        on it that have a path, of the paper's cost without hard limits. Progress is reported by the
-        area done.
+        on it that have a path, of the paper's cost without hard limits.
 
         InvalidQueryError if too few crops have a path.
         """
-        area = count * sum(size**2 for size in sizes)
         done = 0
         for size in sizes:
             fitting = [dem for dem in self.terrain if min(dem.shape) >= size]
             cases = terrain_cases(fitting, SOFT, size, self.seed, least_distance)
             for number, case in enumerate(solvable(cases, count * queries, queries), 1):
                 yield number, case
-                done += size**2
-                self.advance(THOUSANDTHS * done // area)
+                done += 1
+                self.advance(THOUSANDTHS * done // (count * len(sizes)))
 
 
 @dataclass(frozen=True)
@@ -95,12 +93,10 @@ class Experiment:
     picture: Callable[[Rows], "Figure"] | None
     """Of the rows, the paper's among them; None where maps are drawn."""
     settings: Mapping[str, object]
-    quick: Mapping[str, object]
-    """Settings of a quick run, where they differ from a full one's."""
     theirs: Sequence[Row] = ()
     """The paper's rows."""
     networks: tuple[str, ...] = BOTH
-    """Those that take part: a change of another network does not repeat the experiment."""
+    """Those that take part."""
     totals: bool = False
     """Whether the table has sums in place of means."""
 

@@ -139,7 +139,6 @@ EXPERIMENTS = {
         fig14_findings,
         None,
         {"size": 256, "goals": 5},
-        {"size": 128, "goals": 3},
         networks=BOTH[:1],
     ),
 }

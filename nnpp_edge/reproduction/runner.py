@@ -33,6 +33,17 @@ EXPERIMENTS: dict[str, Experiment] = {}
 for room in (exact, static, looks, dynamic):
     EXPERIMENTS |= room.EXPERIMENTS
 """The experiments of the paper by name, in the order in which they run."""
+QUICK = {
+    "sizes": (64, 128, 256),
+    "size": 128,
+    "maps": 3,
+    "queries": 4,
+    "repeats": 1,
+    "fine": 25,
+    "goals": 3,
+    "episodes": 3,
+}
+"""Settings of a smoke run."""
 _HEADS = {
     Verdict.DIFFERS: "What does not agree",
     Verdict.TOO_FEW: "What too few queries were made for",
@@ -104,7 +115,9 @@ def reproduce(
     make_folder(output)
     for name in names:
         experiment = EXPERIMENTS[name]
-        settings = {**experiment.settings, **(experiment.quick if quick else {})}
+        settings = dict(experiment.settings)
+        if quick:
+            settings |= {name: QUICK[name] for name in settings.keys() & QUICK.keys()}
         used = [
             f"{role}: {_network(file)}"
             for role, file in zip(BOTH, models, strict=True)

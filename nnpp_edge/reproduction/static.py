@@ -288,7 +288,6 @@ EXPERIMENTS = {
         table2_findings,
         partial(drawing.by_planner, "size"),
         {"sizes": (256, 512), "maps": paper.VALIDATION_MAPS, "queries": 200, "repeats": 3},
-        {"maps": 8, "queries": 4, "repeats": 2},
         paper.TABLE_2,
     ),
     "fig9": Experiment(
@@ -306,7 +305,6 @@ EXPERIMENTS = {
             },
         ),
         {"sizes": (64, 128, 256, 512, 1024), "queries": 30, "repeats": 3},
-        {"sizes": (64, 128, 256), "queries": 4, "repeats": 2},
         [*paper.TABLE_1, *paper.TABLE_2.of(ASTAR_NN)],
     ),
     "fig11": Experiment(
@@ -317,7 +315,6 @@ EXPERIMENTS = {
         fig11_findings,
         _fig11_picture,
         {"sizes": (256,), "queries": 300, "repeats": 3},
-        {"queries": 10, "repeats": 2},
     ),
     "fig12": Experiment(
         "Fig. 12 and Table 4, static",
@@ -327,7 +324,6 @@ EXPERIMENTS = {
         fig12_findings,
         None,
         {"sizes": (256,), "maps": 5, "repeats": 5},
-        {"repeats": 2},
         paper.TABLE_4.of(scene=paper.STATIC),
     ),
 }

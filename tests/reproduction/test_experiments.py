@@ -28,7 +28,7 @@ TINY = {
     "table3": {"size": 64, "episodes": 2, "repeats": 1},
     "table4": {"size": 64, "maps": 2, "repeats": 1},
 }
-"""Settings in place of each experiment's quick ones."""
+"""Settings in place of each experiment's."""
 BY = {
     **dict.fromkeys(("table2", "fig9", "fig11", "fig12"), PLANNERS),
     **dict.fromkeys(("table3", "table4"), dynamic.PLANNERS),
@@ -47,8 +47,9 @@ HEADS = {
 def shrink():
     with pytest.MonkeyPatch.context() as monkeypatch:
         monkeypatch.setattr(runner, "exercise", lambda: None)  # no test reads the times
-        for name, quick in TINY.items():
-            monkeypatch.setitem(EXPERIMENTS, name, replace(EXPERIMENTS[name], quick=quick))
+        monkeypatch.setattr(runner, "QUICK", {})
+        for name, tiny in TINY.items():
+            monkeypatch.setitem(EXPERIMENTS, name, replace(EXPERIMENTS[name], settings=tiny))
         yield
 
 
