@@ -17,16 +17,8 @@ from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.terrain.obstacles import covered
 
-_FRAMES = 5
-"""From T to T + 4Δt (the paper's)."""
-_LENGTH = 1 / 4
-_DEPTH = 1 / 12
-_STEP = 1 / 10
-"""Of an obstacle, as shares of the map's side: along the rows, across them, and its way between two
-frames.
-"""
-_WHERE = (0.35, 0.65)
-"""Where obstacles cross the optimal path half-way through the frames, as shares of the path."""
+_FRAMES = range(-2, 3)
+"""From T to T + 4Δt (the paper's); obstacles cross the optimal path at the middle one."""
 _MAPS = 40
 """Maps that are tried for one on which the goals can be reached and the obstacles leave a way."""
 
@@ -77,24 +69,22 @@ def _goals(case: Case) -> list[Cell]:
 
 
 def _moving(cost: Float2D, start: Cell, goal: Cell) -> list[Float2D]:
-    """The map at each frame; none if an obstacle would cover start or goal, or leave no way."""
+    """The map at each frame, two obstacles on it that pass each other, a quarter of the map long;
+    none if one would cover start or goal, or leave no way.
+    """
     size = len(cost)
+    depth = max(size // 12, 2)
     way = best_path(grid_of(cost), (start, goal)).path
-    upper, lower = sorted(way[int(share * len(way))].tolist() for share in _WHERE)
-    length = int(_LENGTH * size)
-    depth = max(int(_DEPTH * size), 2)
+    upper, lower = sorted(way[len(way) * percent // 100].tolist() for percent in (35, 65))
     costs = []
-    for at in range(_FRAMES):
-        moved = int((at - _FRAMES // 2) * _STEP * size)
-        obstacles = [
-            (max(row - depth // 2, 0), col - length // 2, depth, length)
-            for row, col in ((upper[0], upper[1] - moved), (lower[0], lower[1] + moved))
-        ]
-        changed = covered(cost, (0, 0, size, size), obstacles)
-        if not len(best_path(grid_of(changed), (start, goal)).path):
-            return []
-        costs.append(changed)
-    return costs
+    for at in _FRAMES:
+        moved = at * size // 10
+        corners = ((upper[0], upper[1] - moved), (lower[0], lower[1] + moved))
+        obstacles = [(row - depth // 2, col - size // 8, depth, size // 4) for row, col in corners]
+        costs.append(covered(cost, (0, 0, size, size), obstacles))
+    if all(len(best_path(grid_of(changed), (start, goal)).path) for changed in costs):
+        return costs
+    return []
 
 
 def fig14_findings(rows: Rows) -> Iterator[Finding]:
