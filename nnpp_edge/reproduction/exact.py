@@ -9,11 +9,12 @@ import numpy as np
 from nnpp_edge.profiling.contest import Harness
 from nnpp_edge.profiling.plain_astar import build_graph, search
 from nnpp_edge.profiling.rows import Row, Rows
+from nnpp_edge.progress import with_unit
 from nnpp_edge.reproduction import drawing, paper
 from nnpp_edge.reproduction.experiment import Context, Experiment
 from nnpp_edge.reproduction.findings import Finding, stated
 from nnpp_edge.reproduction.planners import PLAIN
-from nnpp_edge.reproduction.table import percent, spread, times
+from nnpp_edge.reproduction.table import percent, spread
 from nnpp_edge.runtime.arrays import Float2D, Floats, in_blocks
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -89,7 +90,7 @@ def table1_findings(rows: Rows) -> Iterator[Finding]:
     cells = (large / small) ** 2
     yield stated(
         f"time grows with the number of cells ({cells:.0f}× from {small}² to {large}²)",
-        times(grown(paper.TABLE_1)),
+        with_unit(grown(paper.TABLE_1), "x"),
         f"{grown(rows):.0f}× (plain A*)",
         "within a factor of 2 of the cells'",
         0.5 <= grown(rows) / cells <= 2.0,

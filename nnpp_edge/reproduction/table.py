@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from nnpp_edge.profiling.rows import Rows
-from nnpp_edge.progress import MISSING, markdown_table, shown
+from nnpp_edge.progress import MISSING, markdown_table, shown, with_unit
 from nnpp_edge.reproduction import paper
 from nnpp_edge.reproduction.planners import CONTROLS_OF, PLAIN
 from nnpp_edge.reproduction.regions import NETWORK
@@ -87,7 +87,7 @@ MEANS: dict[str, tuple[str, Form]] = {
     "AT": ("time_s", "s"),
     "over A*": (
         "time_s",
-        lambda line: times(line.astar.mean("time_s") / line.rows.mean("time_s")),
+        lambda line: with_unit(line.astar.mean("time_s") / line.rows.mean("time_s"), "x"),
     ),
     "inference": ("inference_s", "s"),
     "graph": ("graph_s", "s"),
@@ -114,16 +114,7 @@ SUMS: dict[str, tuple[str, Form]] = {
 
 def seconds(value: float) -> str:
     """A time with its unit, three digits."""
-    if not math.isfinite(value):
-        return MISSING
-    return f"{value:.3g} s" if value >= 1.0 else f"{1e3 * value:.3g} ms"
-
-
-def times(ratio: float) -> str:
-    """How many times as fast."""
-    if not math.isfinite(ratio):
-        return MISSING
-    return f"{ratio:.0f}×" if ratio >= 100.0 else f"{ratio:.3g}×"
+    return with_unit(value, "s") if value >= 1.0 else with_unit(1e3 * value, "ms")
 
 
 def percent(share: float, digits: int = 1) -> str:
