@@ -35,13 +35,9 @@ _GUEST = 8
 def environment(cores: Sequence[int]) -> Facts:
     """CPU, its flags, governor of the cores, memory, versions and load, ready for JSON."""
     architecture = platform.machine()
-    info: dict[str, str] = {}
-    for line in text_of(
-        _PROC / "cpuinfo"
-    ).splitlines():  # the first core, and the board behind all of them
-        key, _, value = line.partition(":")
-        if value.strip():
-            info.setdefault(key.strip(), value.strip())
+    # the first core's, and the board's behind all of them
+    lines = [line.partition(":") for line in reversed(text_of(_PROC / "cpuinfo").splitlines())]
+    info = {key.strip(): value.strip() for key, _, value in lines if value.strip()}
     flags = info.get("flags", info.get("Features", "")).split()
 
     # what the processor is called: x86 says so, of a board its own name says more
@@ -129,25 +125,19 @@ class Disturbance:
         yield
         self.leave_out(*(self._clocks() - began)[:2])
 
-    @property
-    def elapsed_s(self) -> float:
-        return float(self._sums[0])
-
-    def waited_share(self) -> float:
-        """Share of its time that this thread stood still though it had work to do: beyond its
-        processor time.
-        """
-        wall_s, worked_s, _, _ = self._sums - self._left_out
-        return max(1.0 - float(worked_s / wall_s), 0.0) if wall_s > 0.0 else 0.0
-
-    def others_share(self) -> float | None:
-        """Share of the cores' time that went to other processes, interrupts or a virtual machine's
-        other guests.
+    def facts(self) -> Facts:
+        """``waited_share``, of its time that this thread stood still though it had work to do:
+        beyond its processor time. ``others_share``, of the cores' time that went to other
+        processes, interrupts or a virtual machine's other guests. ``measured_s``.
         """
         elapsed_s, _, own_s, busy_s = self._sums.tolist()
-        if math.isnan(busy_s) or not elapsed_s:
-            return None
-        return min(max((busy_s - own_s) / (elapsed_s * len(self._cores)), 0.0), 1.0)
+        wall_s, worked_s, _, _ = (self._sums - self._left_out).tolist()
+        waited = max(1.0 - worked_s / wall_s, 0.0) if wall_s > 0.0 else 0.0
+        others = None
+        if elapsed_s and not math.isnan(busy_s):
+            share = (busy_s - own_s) / (elapsed_s * len(self._cores))
+            others = min(max(share, 0.0), 1.0)
+        return {"waited_share": waited, "others_share": others, "measured_s": elapsed_s}
 
     def _clocks(self) -> np.ndarray:
         """Seconds on the wall, of this thread, of this process, and that the cores worked."""

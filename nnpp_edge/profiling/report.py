@@ -56,10 +56,7 @@ def profile_machine(
         made = {row["size"] for row in rows if row["terrain"] == SYNTHETIC}
         for size in sorted(made):
             said.append(f"no terrain has {size} × {size} cells: synthetic ground in its place")
-    halves = []
-    for half in measured.disturbance:
-        shares = {"waited_share": half.waited_share(), "others_share": half.others_share()}
-        halves.append(shares | {"measured_s": half.elapsed_s})
+    halves = [half.facts() for half in measured.disturbance]
     noise = noise_of(halves, measured.sensors.throttling())
     lines = judged(profile, rows, whole_run, noise, loop)
     of_points = [row for row in rows if body_rocks(row["workload"]) is None]
@@ -92,20 +89,18 @@ def _whole_run(
     say: Callable[[str], None],
 ) -> WholeRun:
     """Figures of the whole run, by quantity and planner."""
-    load = profile.load
-    files = {rival.name: rival.model.path for rival in rivals if rival.model is not None}
-    sizes_mb = {name: 1e-6 * file.stat().st_size for name, file in files.items()}
-
     say("peak memory, in processes of their own")
-    maps = maps_of(load)(load.workloads[0], max(load.sizes))
-    case = next(solvable(maps, 1))
-    peaks = {}
+    load = profile.load
+    case = next(solvable(maps_of(load)(load.workloads[0], max(load.sizes)), 1))
+    found: WholeRun = {"model_mb": {}, "peak_memory_mb": {}}
     for rival in rivals:
-        model = str(files.get(rival.name, files["nnpp"]))
+        model = profile.networks.int8
+        if rival.model is not None:
+            model = str(rival.model.path)
+            found["model_mb"][rival.name] = 1e-6 * rival.model.path.stat().st_size
         peak = peak_memory_mb(case, rival.method, model)
         if peak is not None:
-            peaks[rival.name] = peak
-    found = {"model_mb": sizes_mb, "peak_memory_mb": peaks}
+            found["peak_memory_mb"][rival.name] = peak
 
     asked = [budget for budget in profile.budgets if budget.quantity in STARTS]
     cold = starts or any("cold" in budget.quantity for budget in asked)
