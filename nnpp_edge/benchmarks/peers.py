@@ -14,7 +14,6 @@ from functools import partial
 from importlib.metadata import version
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nnpp_edge import __version__
 from nnpp_edge.profiling.contest import Answer, Harness, RivalCalls, beside, priced
@@ -22,6 +21,7 @@ from nnpp_edge.profiling.rows import Facts, Row, Rows
 from nnpp_edge.profiling.suites import Case, solvable, terrain_cases
 from nnpp_edge.progress import Progress, ignore
 from nnpp_edge.runtime import Planner
+from nnpp_edge.runtime.arrays import Cells, Float2D
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.exercises import exercise
 from nnpp_edge.runtime.map.grid import Grid
@@ -37,10 +37,7 @@ SAME_OPTIMUM = 1e-4
 """Costs that differ by no more than this share count as the same."""
 _LENGTH = "length × mean weight"
 _FIGURES = "time_ms_median time_ms_p95 times_astar_median map_ms_median gap_mean gap_max"
-Weights = NDArray[np.float32]
-CellPath = NDArray[np.integer]
-"""Cells (N, 2)."""
-Search = Callable[[Endpoints], CellPath | None]
+Search = Callable[[Endpoints], Cells | None]
 """From start to goal: the path's cells, or None if there is none."""
 
 
@@ -53,7 +50,7 @@ class PeerPlanner:
     """Packages that must be installed."""
     objective: str
     """The sum that it minimises."""
-    prepare: Callable[[Weights], Search]
+    prepare: Callable[[Float2D], Search]
     """Do the work that depends on the map alone."""
 
 
@@ -76,28 +73,28 @@ def peer_planners() -> tuple[list[PeerPlanner], list[str]]:
     return found, missing
 
 
-def _ours(method: str, network: NetworkModel, weights: Weights) -> Search:
+def _ours(method: str, network: NetworkModel, weights: Float2D) -> Search:
     planner = Planner(weights, step_cost="length", model=network.share())
 
-    def search(ends: Endpoints) -> CellPath | None:
+    def search(ends: Endpoints) -> Cells | None:
         plan = planner.plan(*ends, method=method)
         return plan.path if plan.ok else None
 
     return search
 
 
-def _pyastar2d(weights: Weights) -> Search:
+def _pyastar2d(weights: Float2D) -> Search:
     from pyastar2d import astar_path
 
     return lambda ends: astar_path(weights, *ends, allow_diagonal=True)
 
 
-def _scikit_image(weights: Weights) -> Search:
+def _scikit_image(weights: Float2D) -> Search:
     from skimage.graph import MCP_Geometric
 
     search_all = MCP_Geometric(weights)
 
-    def search(ends: Endpoints) -> CellPath | None:
+    def search(ends: Endpoints) -> Cells | None:
         start, goal = ends
         costs, _ = search_all.find_costs([start], [goal])
         return np.array(search_all.traceback(goal)) if math.isfinite(costs[goal]) else None
@@ -105,7 +102,7 @@ def _scikit_image(weights: Weights) -> Search:
     return search
 
 
-def _scipy(weights: Weights) -> Search:
+def _scipy(weights: Float2D) -> Search:
     from scipy.sparse.csgraph import dijkstra
     from skimage.graph import pixel_graph
 
@@ -116,7 +113,7 @@ def _scipy(weights: Weights) -> Search:
         connectivity=2,
     )
 
-    def search(ends: Endpoints) -> CellPath | None:
+    def search(ends: Endpoints) -> Cells | None:
         flat = np.ravel_multi_index(np.transpose(ends), weights.shape)
         source, node = np.searchsorted(cells, flat)
         distance, before = dijkstra(graph, indices=source, return_predecessors=True)
@@ -196,7 +193,7 @@ def compare(
     return found
 
 
-def _answer(grid: Grid, record: RivalCalls[Endpoints, CellPath | None]) -> Answer:
+def _answer(grid: Grid, record: RivalCalls[Endpoints, Cells | None]) -> Answer:
     """A planner's answer, priced; none unless it leads from start to goal."""
     path = record.results[0]
     if path is None or (tuple(path[0]), tuple(path[-1])) != record.case:

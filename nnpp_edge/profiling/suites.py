@@ -86,11 +86,11 @@ def check_sizes(dems: Sequence[Dem], sizes: Sequence[int]) -> None:
     """InvalidQueryError where a terrain is smaller than one of the sizes."""
     most = max(sizes)
     for dem in dems:
-        if not large_enough([dem], most):
-            rows, cols = dem.shape
+        rows, cols = dem.shape
+        if min(rows, cols) < most:
             raise InvalidQueryError(
                 f"{dem.source}: wanted terrain of at least {most} × {most} cells, got {rows} × "
-                f"{cols}: --sizes {min(dem.shape)} is the largest that fits"
+                f"{cols}: --sizes {min(rows, cols)} is the largest that fits"
             )
 
 
@@ -117,11 +117,6 @@ def whole_cost(ground: Ground) -> Float2D:
     return best
 
 
-def large_enough(dems: Sequence[Dem], size: int) -> list[Dem]:
-    """Those that a map of this size can be cropped from."""
-    return [dem for dem in dems if min(dem.shape) >= size]
-
-
 def terrain_cases(
     dems: Sequence[Dem],
     name: str,
@@ -142,7 +137,7 @@ def terrain_cases(
     InvalidQueryError if many maps in a row have no fitting query, there is no such workload, or it
     takes a vehicle.
     """
-    fitting = large_enough(dems, size)
+    fitting = [dem for dem in dems if min(dem.shape) >= size]
     terrain = ", ".join(dict.fromkeys(dem.source.stem for dem in fitting)) or SYNTHETIC
     rocks = body_rocks(name)
     if rocks is None:

@@ -69,8 +69,7 @@ class Context:
         """
         done = 0
         for size in sizes:
-            fitting = [dem for dem in self.terrain if min(dem.shape) >= size]
-            cases = terrain_cases(fitting, SOFT, size, self.seed, least_distance)
+            cases = terrain_cases(self.terrain, SOFT, size, self.seed, least_distance)
             for number, case in enumerate(solvable(cases, count * queries, queries), 1):
                 yield number, case
                 done += 1
