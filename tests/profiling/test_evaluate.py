@@ -119,13 +119,10 @@ def test_the_narrow_corridor_is_the_learned_regions_without_a_network():
     assert shut_in.plan((4, 4), (4, 150), method="corridor").status == Status.NO_PATH
 
 
-def test_two_models_stand_beside_each_other(terrain, tiny_model):
+def test_several_models_stand_beside_each_other(tiny_model):
     model = NetworkModel(tiny_model)
     rivals = exact_and(["nnpp", "astar"], {"one": model, "two": model})
-    cases = terrain_cases(dems_of((terrain,)), "soft", 64)
-    exact, one, two = evaluated(evaluate(cases, rivals, 2, repeats=1))
-    assert (exact["method"], one["method"], two["method"]) == ("astar", "nnpp", "nnpp:two")
-    assert one["gap_mean"] == two["gap_mean"]
+    assert [rival.name for rival in rivals] == ["astar", "nnpp", "nnpp:two"]
 
 
 def test_limits_and_weight_of_ones_own_are_taken(judged):
