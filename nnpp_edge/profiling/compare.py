@@ -119,8 +119,11 @@ def board(report: Facts) -> dict[str, str]:
 
     def medians(planner: str, key: str = "time_ms") -> str:
         """Milliseconds by size, at the profile's first workload."""
-        measured = [row for row in first.of(planner) if row[key]]
-        return " · ".join(f"{row['size']}² {row[key]['median']:.3g}" for row in measured) or MISSING
+        found = []
+        for row in first.of(planner):
+            if row[key]:
+                found.append(f"{row['size']}² {row[key]['median']:.3g}")
+        return " · ".join(found) or MISSING
 
     machine = machine_words(report)
     profile = report["profile"]
@@ -191,7 +194,8 @@ def machine_words(report: Facts) -> dict[str, str]:
     for quantity, name in _WHOLE_RUN.items():
         unit = QUANTITIES[quantity].unit
         by_planner = report["besides"].get(quantity, {})
-        words[name] = ", ".join(f"{who} {shown(at)} {unit}" for who, at in by_planner.items())
+        figures = [f"{who} {shown(value)} {unit}" for who, value in by_planner.items()]
+        words[name] = ", ".join(figures)
     words["temperature"] = ", ".join(
         f"{zone} {shown(each['min'])} to {shown(each['max'])} °C"
         for zone, each in temperatures.items()

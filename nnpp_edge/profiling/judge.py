@@ -176,7 +176,8 @@ def answers(lines: Sequence[Facts]) -> str:
         tightest = min(measured, key=lambda line: line["value"] / line["limit"])
         states = {line["verdict"] for line in asked}
         word = "no" if FAIL in states else "yes" if states == {PASS} else "cannot tell"
-        said.append(f"{name.format(tightest['limit'])}: {word} ({shown(tightest['value'])}).")
+        question = name.format(tightest["limit"])
+        said.append(f"{question}: {word} ({shown(tightest['value'])}).")
     return " ".join(said)
 
 
