@@ -5,9 +5,9 @@ import pytest
 
 from nnpp_edge.profiling.rows import Rows
 from nnpp_edge.reproduction import dynamic, exact, paper, static
-from nnpp_edge.reproduction.findings import Verdict
-from nnpp_edge.reproduction.planners import CONTROLS_OF, PLAIN, PLAIN_CONTROLS, PLAIN_NN
-from nnpp_edge.reproduction.regions import CORRIDOR
+from nnpp_edge.reproduction.findings import OURS_OF, Verdict
+from nnpp_edge.reproduction.planners import CONTROLS_OF, PLAIN, PLAIN_NN
+from nnpp_edge.reproduction.regions import CONTROLS, CORRIDOR
 from nnpp_edge.reproduction.table import summary
 
 
@@ -26,91 +26,61 @@ def test_table_1_is_judged_by_the_figures(graph_share, wanted):
     assert verdicts(exact.table1_findings(rows))[: len(wanted)] == wanted
 
 
-def table2_findings(network=None, control=(0.1, 0.5, 0.5)):
-    """Findings on rows like the paper's, plain and compiled alike, with speed-up, CC increase and
-    success of the network's planners and of the controls.
+def ours_like(theirs, network, control):
+    """The paper's rows as ours, plain and compiled alike; those of the networks' planners, and of
+    the controls in their place, with so many times their speed, CC increase and success.
     """
     rows = Rows()
-    for size, theirs in paper.TABLE_2.by("size").items():
-        (row,) = theirs.of(paper.ASTAR)
-        gain = theirs.speedup(paper.ASTAR, paper.ASTAR_NN)
-        success = theirs.of(paper.ASTAR_NN).mean("found")
-        own = network or (gain, theirs.increase(paper.ASTAR_NN), success)
-        answers = dict.fromkeys((PLAIN, "astar"), (1.0, 0.0, 1.0))
-        answers |= dict.fromkeys((PLAIN_NN, "nnpp"), own)
-        answers |= dict.fromkeys(("corridor", *PLAIN_CONTROLS.values()), control)
-        for name, (faster, increase, found) in answers.items():
-            time_s = row["time_s"] / faster
-            cc = row["cc"] * (1.0 + increase)
-            figures = {"planner": name, "time_s": time_s, "cc": cc, "found": found}
-            rows.append(row | figures)
-    return list(static.table2_findings(rows))
+    for names in OURS_OF.values():
+        for row in theirs.having("cc"):
+            name = names.get(row["planner"])
+            answers = {name: network, **dict.fromkeys(CONTROLS_OF.get(name, {}).values(), control)}
+            for planner, (faster, increase, found) in answers.items():
+                own = {**row, "planner": planner}
+                if name in CONTROLS_OF:
+                    own |= {"time_s": row["time_s"] / faster, "found": found or row["found"]}
+                    own["cc"] = row["cc"] if increase is None else (1 + increase) * row["exact_cc"]
+                rows += [own] if name else []
+    return rows
 
 
-CONTROL_WINS = (9.0, 0.0, 1.0)
+SAME = (1.0, None, None)
+SLOW = (0.1, 0.5, 0.5)
+BEST = (20.0, -0.1, 1.0)
 
 
-@pytest.mark.parametrize(
-    ("figures", "wanted"),
-    [
-        ([], Verdict.AGREES),
-        ([(0.5, 0.2, 0.5), CONTROL_WINS], Verdict.DIFFERS),
-        ([(50.0, 0.0, 1.0)], Verdict.BETTER),
-    ],
-)
-def test_table_2_is_judged_by_the_figures(figures, wanted):
-    found = table2_findings(*figures)
-    assert verdicts(found)[:5] == [wanted] * 5
-    assert not any(finding.controls for finding in found[:5])
-    if wanted is not Verdict.BETTER:
-        assert set(verdicts(found)) == {wanted}
+def found_of(table, network, control=SLOW):
+    if table == "2":
+        return list(static.table2_findings(ours_like(paper.TABLE_2, network, control)))
+    theirs = Rows({"found": 1.0, **row} for row in paper.TABLE_3)
+    return list(dynamic.table3_findings(ours_like(theirs, network, control)))
 
 
-def test_a_verdict_that_a_control_earns_too_says_so():
-    found = table2_findings(control=CONTROL_WINS)
-    judged = [each for each in found if "fastest" not in each.claim and "gains" not in each.claim]
+@pytest.mark.parametrize("table", ["2", "3"])
+def test_a_table_is_judged_by_the_figures(table):
+    same = found_of(table, SAME)
+    assert set(verdicts(same)) == {Verdict.AGREES}
+    worse = [*filter(of_network, found_of(table, SLOW, BEST))]
+    better = [*filter(of_network, found_of(table, BEST))]
+    assert len(worse) == len(better) >= 5
+    assert set(verdicts(worse)) == {Verdict.DIFFERS}
+    assert set(verdicts(better)) == {Verdict.BETTER}
+    assert not any(each.controls for each in (*filter(of_network, same), *worse, *better))
+
+
+def of_network(finding):
+    return "NN" in finding.claim and finding.claim.startswith(("speed-up", "CC increase"))
+
+
+@pytest.mark.parametrize("table", ["2", "3"])
+def test_a_verdict_that_a_control_earns_too_says_so(table):
+    judged = [*filter(of_network, found_of(table, SAME, BEST))]
     for finding in judged:
-        all_three = ("corridor", "straight band", "shuffled weights")
-        assert finding.controls == (all_three if "A*NN" in finding.claim else ("corridor",))
-    assert found[0].cells[-1].startswith("corridor")
-    fast_but_dear = table2_findings(control=(9.0, 0.3, 1.0))
-    assert not fast_but_dear[0].controls
-
-
-METHODS = (paper.ASTAR, paper.ASTAR_NN, paper.DSTAR, paper.DSTAR_NN)
-
-
-def answered(plan, answers, control=(99.0, 999.0)):
-    """Rows of a plan: time and CC by the paper's methods, plain and compiled alike, and those of
-    the corridors.
-    """
-    found = {kinds[CORRIDOR]: control for kinds in CONTROLS_OF.values()}
-    for method, answer in zip(METHODS, answers, strict=True):
-        found[dynamic.OURS_OF[method]] = answer
-        if method in dynamic.PLAIN_OF:
-            found[dynamic.PLAIN_OF[method]] = answer
-    exact_cc = answers[0][1]
-    return [
-        {"plan": plan, "planner": name, "time_s": time_s, "cc": cc, "exact_cc": exact_cc}
-        for name, (time_s, cc) in found.items()
-    ]
-
-
-def test_table_3_is_judged_by_the_figures():
-    same = Rows()
-    for plan, of in paper.TABLE_3.by("plan").items():
-        same += answered(plan, [(row["time_s"], row["cc"]) for row in of])
-    found = list(dynamic.table3_findings(same))
-    assert set(verdicts(found)) == {Verdict.AGREES}
-    assert not any(finding.controls for finding in found)
-    worse = Rows(answered(0, [(1.0, 10.0), (2.0, 12.0), (3.0, 10.0), (9.0, 12.0)]))
-    found = verdicts(dynamic.table3_findings(worse))
-    assert found == [Verdict.DIFFERS] * 6 + [Verdict.AGREES]
-    answers = [(9.0, 10.0), (1.0, 10.0), (3.0, 10.0), (0.1, 9.0)]
-    better = list(dynamic.table3_findings(Rows(answered(0, answers, control=(0.1, 10.0)))))
-    assert verdicts(better) == [Verdict.BETTER] * 7
-    for finding in better[:6]:
-        assert finding.controls == ((CORRIDOR,) if "NN" in finding.claim else ())
+        plain = "plain" in finding.claim
+        assert finding.controls == (CONTROLS if plain else (CORRIDOR,))
+    assert judged[0].cells[-1].startswith("corridor")
+    fast_but_dear = filter(of_network, found_of(table, SAME, (20.0, 0.3, 1.0)))
+    assert not any(each.controls for each in fast_but_dear)
 
 
 @pytest.mark.parametrize(
@@ -134,16 +104,13 @@ def test_the_best_omega_is_where_length_and_cc_together_are_least(length, cc, wa
 
 
 def test_sums_are_over_the_queries_that_all_answered():
-    answer = {"scene": "-d", "planner": PLAIN, "cc": 10.0, "exact_cc": 10.0, "found": 1.0}
-    failed = {"scene": "-d", "planner": PLAIN_NN, "plan": 1, "time_s": 1.0, "found": 0.0}
-    rows = Rows(
-        [
-            {**answer, "plan": 0, "time_s": 4.0},
-            {**answer, "plan": 1, "time_s": 90.0},
-            {**answer, "plan": 0, "planner": PLAIN_NN, "time_s": 2.0, "cc": 12.0},
-            failed,
-        ]
-    )
+    def answer(planner, plan, time_s, **more):
+        return {"scene": "-d", "planner": planner, "plan": plan, "time_s": time_s, **more}
+
+    exact = {"cc": 10.0, "exact_cc": 10.0, "found": 1.0}
+    rows = Rows(answer(PLAIN, plan, time_s, **exact) for plan, time_s in ((0, 4.0), (1, 90.0)))
+    rows.append(answer(PLAIN_NN, 0, 2.0, **exact | {"cc": 12.0}))
+    rows.append(answer(PLAIN_NN, 1, 1.0, found=0.0))
     assert rows.speedup(PLAIN, PLAIN_NN) == 2.0
     table = summary(rows, ("scene", "planner"), totals=True)
     head, _, exact_line, nn_line = table.splitlines()
@@ -153,13 +120,8 @@ def test_sums_are_over_the_queries_that_all_answered():
 
 
 def test_rows_become_csv_and_figures():
-    rows = Rows(
-        [
-            {"planner": "a", "time_s": 1.5, "cc": 3.0, "exact_cc": 2.0},
-            {"planner": "b", "time_s": float("nan")},
-        ]
-    )
+    whole = {"planner": "a", "time_s": 1.5, "cc": 3.0, "exact_cc": 2.0}
+    rows = Rows([whole, {"planner": "b", "time_s": np.nan}])
     assert rows.csv() == "planner,time_s,cc,exact_cc\na,1.5,3.0,2.0\nb,,,\n"
     assert rows.increase("a") == 0.5
-    assert np.isnan(rows.increase("b"))
-    assert np.isnan(rows.mean("mm"))
+    assert np.isnan([rows.increase("b"), rows.mean("mm")]).all()

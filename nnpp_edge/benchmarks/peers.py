@@ -14,19 +14,19 @@ from functools import partial
 from importlib.metadata import version
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nnpp_edge import __version__
-from nnpp_edge.outcome import gap
-from nnpp_edge.profiling.contest import Harness, RivalCalls
+from nnpp_edge.profiling.contest import Answer, Harness, RivalCalls, beside, priced
 from nnpp_edge.profiling.rows import Facts, Row, Rows
-from nnpp_edge.profiling.suites import Case, solvable, source_of, terrain_cases
+from nnpp_edge.profiling.suites import Case, solvable, terrain_cases
 from nnpp_edge.progress import Progress, ignore
 from nnpp_edge.runtime import Planner
+from nnpp_edge.runtime.arrays import Cells, Float2D
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.exercises import exercise
+from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.network.inference import NetworkModel
-from nnpp_edge.runtime.terrain.step_cost import GREY_LEVELS, PAPER_OMEGA
+from nnpp_edge.runtime.terrain.step_cost import GREY_LEVELS, PAPER_OMEGA, StepModel
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.workloads import SOFT
 
@@ -37,10 +37,7 @@ SAME_OPTIMUM = 1e-4
 """Costs that differ by no more than this share count as the same."""
 _LENGTH = "length × mean weight"
 _FIGURES = "time_ms_median time_ms_p95 times_astar_median map_ms_median gap_mean gap_max"
-Weights = NDArray[np.float32]
-CellPath = NDArray[np.integer]
-"""Cells (N, 2)."""
-Search = Callable[[Endpoints], CellPath | None]
+Search = Callable[[Endpoints], Cells | None]
 """From start to goal: the path's cells, or None if there is none."""
 
 
@@ -53,7 +50,7 @@ class PeerPlanner:
     """Packages that must be installed."""
     objective: str
     """The sum that it minimises."""
-    prepare: Callable[[Weights], Search]
+    prepare: Callable[[Float2D], Search]
     """Do the work that depends on the map alone."""
 
 
@@ -76,28 +73,28 @@ def peer_planners() -> tuple[list[PeerPlanner], list[str]]:
     return found, missing
 
 
-def _ours(method: str, network: NetworkModel, weights: Weights) -> Search:
+def _ours(method: str, network: NetworkModel, weights: Float2D) -> Search:
     planner = Planner(weights, step_cost="length", model=network.share())
 
-    def search(ends: Endpoints) -> CellPath | None:
+    def search(ends: Endpoints) -> Cells | None:
         plan = planner.plan(*ends, method=method)
         return plan.path if plan.ok else None
 
     return search
 
 
-def _pyastar2d(weights: Weights) -> Search:
+def _pyastar2d(weights: Float2D) -> Search:
     from pyastar2d import astar_path
 
     return lambda ends: astar_path(weights, *ends, allow_diagonal=True)
 
 
-def _scikit_image(weights: Weights) -> Search:
+def _scikit_image(weights: Float2D) -> Search:
     from skimage.graph import MCP_Geometric
 
     search_all = MCP_Geometric(weights)
 
-    def search(ends: Endpoints) -> CellPath | None:
+    def search(ends: Endpoints) -> Cells | None:
         start, goal = ends
         costs, _ = search_all.find_costs([start], [goal])
         return np.array(search_all.traceback(goal)) if math.isfinite(costs[goal]) else None
@@ -105,7 +102,7 @@ def _scikit_image(weights: Weights) -> Search:
     return search
 
 
-def _scipy(weights: Weights) -> Search:
+def _scipy(weights: Float2D) -> Search:
     from scipy.sparse.csgraph import dijkstra
     from skimage.graph import pixel_graph
 
@@ -116,7 +113,7 @@ def _scipy(weights: Weights) -> Search:
         connectivity=2,
     )
 
-    def search(ends: Endpoints) -> CellPath | None:
+    def search(ends: Endpoints) -> Cells | None:
         flat = np.ravel_multi_index(np.transpose(ends), weights.shape)
         source, node = np.searchsorted(cells, flat)
         distance, before = dijkstra(graph, indices=source, return_predecessors=True)
@@ -142,16 +139,6 @@ _OTHERS = {
 """By the modules that must be importable; scikit-image makes the graph for scipy."""
 
 
-def path_cost(weights: Weights, path: CellPath) -> float:
-    """Length times mean weight, summed over a path's steps; inf where it jumps."""
-    steps = np.abs(np.diff(path, axis=0))
-    if steps.max(initial=0) > 1:
-        return math.inf
-    along = weights[path[:, 0], path[:, 1]].astype(np.float64)
-    means = 0.5 * (along[1:] + along[:-1])
-    return float(np.sum(np.hypot(*steps.T) * means))
-
-
 def compare(
     planners: Sequence[PeerPlanner],
     cases: Iterable[Case],
@@ -171,7 +158,8 @@ def compare(
     rows = Rows()
     left_out = dict[str, str]()
     done = 0
-    for case, ends in solvable(cases, queries):
+    for case in solvable(cases, queries):
+        place = {"size": case.size, "terrain": case.terrain}
         # inf where impassable
         weights = (1.0 + 2.0 * GREY_LEVELS * PAPER_OMEGA * case.cost).astype(np.float32)
         searches = dict[str, Search]()
@@ -180,46 +168,40 @@ def compare(
             if name in left_out:
                 continue
             map_s, search = harness.timed(partial(planner.prepare, weights))
-            search(ends[0])
-            seconds, _ = harness.timed(partial(search, ends[0]))
+            search(case.queries[0])
+            seconds, _ = harness.timed(partial(search, case.queries[0]))
             if seconds > LIMIT_S and name != REFERENCE and not done:
-                left_out[name] = (
-                    f"left out: {seconds:.1f} s a query, over the limit of {LIMIT_S:g} s"
-                )
+                limit = f"over the limit of {LIMIT_S:g} s"
+                left_out[name] = f"left out: {seconds:.1f} s a query, {limit}"
             else:
                 searches[name] = search
                 rows.append({"planner": name, "map_ms": 1e3 * map_s})
-        for records in harness.measure(searches, ends):
+        grid = Grid.of(weights, StepModel.of("length"))
+        for records in harness.measure(searches, case.queries):
+            reference = records[REFERENCE]
+            optimum = _answer(grid, reference)
             for name, record in records.items():
-                rows.append({"planner": name, **_answer(weights, record, records[REFERENCE])})
+                row: Row = {"planner": name, "time_ms": 1e3 * record.median_s}
+                row["times_astar"] = record.median_s / reference.median_s
+                rows.append(row | beside(_answer(grid, record), optimum))
             done += 1
             progress(done)
-    return [
-        _figures(planner, rows.of(planner.name), left_out.get(planner.name, ""))
-        for planner in planners
-    ]
+    found = []
+    for planner in planners:
+        figures = _figures(planner, rows.of(planner.name))
+        found.append({**place, **figures, "note": left_out.get(planner.name, "")})
+    return found
 
 
-def _answer(
-    weights: Weights,
-    record: RivalCalls[Endpoints, CellPath | None],
-    reference: RivalCalls[Endpoints, CellPath | None],
-) -> Row:
-    """Figures of a planner's answer beside that of exact A*."""
-    row: Row = {
-        "time_ms": 1e3 * record.median_s,
-        "failed": 1,
-        "times_astar": record.median_s / reference.median_s,
-    }
+def _answer(grid: Grid, record: RivalCalls[Endpoints, Cells | None]) -> Answer:
+    """A planner's answer, priced; none unless it leads from start to goal."""
     path = record.results[0]
-    exact = reference.results[0]
-    assert exact is not None
-    if path is not None and (tuple(path[0]), tuple(path[-1])) == record.case:
-        row |= {"gap": gap(path_cost(weights, path), path_cost(weights, exact)), "failed": 0}
-    return row
+    if path is None or (tuple(path[0]), tuple(path[-1])) != record.case:
+        path = np.empty((0, 2), np.int32)
+    return priced(grid, np.asarray(path, np.int32))
 
 
-def _figures(planner: PeerPlanner, rows: Rows, note: str) -> Facts:
+def _figures(planner: PeerPlanner, rows: Rows) -> Facts:
     """All that a planner did."""
     answers = rows.having("time_ms")
     gaps = answers.all("gap")
@@ -229,10 +211,9 @@ def _figures(planner: PeerPlanner, rows: Rows, note: str) -> Facts:
         "version": __version__ if planner.package == "nnpp-edge" else version(planner.package),
         "objective": planner.objective,
         "n": len(answers),
-        "failed": sum(row["failed"] for row in answers),
+        "failed": len(answers) - len(gaps),
         **rows.figures(_FIGURES),
         "same_optimum": same if answers else None,
-        "note": note,
     }
 
 
@@ -254,6 +235,5 @@ def run(
     for at, size in enumerate(sorted(sizes)):
         cases = terrain_cases(dems, SOFT, size, seed)
         report = partial(lambda before, done: progress(before + done), at * queries)
-        place = {"size": size, "terrain": source_of(dems, size)}
-        rows += [place | row for row in compare(planners, cases, queries, progress=report)]
+        rows += compare(planners, cases, queries, progress=report)
     return rows, missing

@@ -196,9 +196,9 @@ def main(
     side = min(SIDE, *dem.shape) // factor * factor
     cases = terrain_cases([dem], name, side, 1, LEAST_APART, body)
     with bar("drives", count) as advance:
-        for case, queries in solvable(cases, count, DRIVES_OF_A_MAP):
+        for case in solvable(cases, count, DRIVES_OF_A_MAP):
             site = BlockGround(case.ground, factor)
-            for ends in queries:
+            for ends in case.queries:
                 done += 1
                 optimum = site.whole.plan(*ends, method="astar").cost
                 for rival, price in prices.items():

@@ -18,7 +18,7 @@ _RESULTS = columns(
     "ms/max: time_ms.max | FPS: fps .0f | network/FPS: inference_fps .0f | "
     "speed-up/median, ×: speedup_median .2f | speed-up/total, ×: speedup_total .2f | "
     "success: success_first .1% | after/fallback: success .1% | gap/mean: gap_mean z.2% | "
-    "gap/p99: gap_p99 z.2% | expansions: expansions_median .0f | mJ: energy_mj"
+    "gap/p99: gap_p99 z.2% | expansions: expansions_median .0f"
 )
 _ARRIVALS = columns(
     f"{_PLACE} | first path/of a map, ms: map_ms.median | p99,/ms: map_ms.p99 | "

@@ -3,7 +3,6 @@ checked one.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from functools import partial
 
 import numpy as np
 
@@ -17,19 +16,14 @@ from nnpp_edge.runtime.loop.messages import Goal, Input, MapPatch, Origin, PathM
 from nnpp_edge.runtime.loop.runner import Loop
 from nnpp_edge.runtime.loop.settings import OnboardLoop
 from nnpp_edge.runtime.map.ground import Ground
-from nnpp_edge.runtime.network.inference import NetworkModel
-from nnpp_edge.runtime.network.priors import prices_by
 from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.planners.planner import Planner
-from nnpp_edge.runtime.terrain.traversability import Traversability
 
 _PATCH_SIDE = 64
 _WARM_UP = 2
 """Hills before these, whose times do not count."""
 _QUERIES = 4
 """Most queries of a map that share the patches: on one, hills might lie in an odd place."""
-_PRICED = 100
-"""Windows of unseen ground that are priced."""
 _PLACES = (0.35, 0.5, 0.65)
 """Where on the path hills appear, as shares of its cells."""
 
@@ -66,26 +60,6 @@ def arrival_ms(
     patch = _patch(ground, path, 0.5)
     patch_s, _ = harness.timed(take_patch)
     return 1e3 * map_s, 1e3 * patch_s
-
-
-def prior_ms(harness: Harness) -> float:
-    """Median milliseconds in which the network prices a window of 64² blocks of unseen ground, its
-    input included.
-    """
-    network = NetworkModel("unseen", threads=1)
-    heights = np.zeros((64, 64), np.float32)
-    limits = Traversability()
-    price = partial(
-        prices_by,
-        "network",
-        heights,
-        limits,
-        cell_size_m=160.0,
-        factor=8,
-        model=network,
-    )
-    times = [harness.timed(price)[0] for _ in range(_PRICED)]
-    return 1e3 * float(np.median(times))
 
 
 def reactions(

@@ -9,7 +9,7 @@ from nnpp_edge.profiling.judge import Noise, judged, noise_of, summary, value_of
 from nnpp_edge.profiling.profile_file import Budget, Profile
 from nnpp_edge.profiling.quantities import QUANTITIES
 from nnpp_edge.profiling.report import SCHEMA
-from nnpp_edge.profiling.rows import PLACE, Facts
+from nnpp_edge.profiling.rows import PLACE, Facts, Rows
 from nnpp_edge.profiling.sensors import Throttling
 from nnpp_edge.progress import MISSING, markdown_table, shown
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -114,14 +114,14 @@ def board_table(report: Facts) -> str:
 
 def board(report: Facts) -> dict[str, str]:
     """The report's words for each column of the table in docs/boards.md."""
-    results = report["results"]
-    workload = results[0]["workload"]
+    results = Rows(report["results"])
+    first = results.of(workload=results[0]["workload"])
 
     def medians(planner: str, key: str = "time_ms") -> str:
         """Milliseconds by size, at the profile's first workload."""
         found = []
-        for row in results:
-            if row["workload"] == workload and row["planner"] == planner and row[key]:
+        for row in first.of(planner):
+            if row[key]:
                 found.append(f"{row['size']}² {row[key]['median']:.3g}")
         return " · ".join(found) or MISSING
 
@@ -130,7 +130,7 @@ def board(report: Facts) -> dict[str, str]:
     return {
         "date": report["made"][:10],
         **{name: machine[name] for name in _MACHINE},
-        "profile": f"{profile['name']}: {workload}",
+        "profile": f"{profile['name']}: {first[0]['workload']}",
         "A*, ms": medians("astar"),
         "corridor, ms": medians("corridor"),
         "nnpp int8, ms": medians("nnpp"),
@@ -145,18 +145,19 @@ def board(report: Facts) -> dict[str, str]:
 
 _MACHINE = ("processor", "cores", "flags", "clock", "memory", "system", "versions")
 """Columns of the table of boards."""
-_WHOLE_RUN = (
-    ("peak_memory_mb", "peak memory", "MB"),
-    ("model_mb", "model", "MB"),
-    ("prior_ms", "prices of 64² unseen blocks", "ms"),
-    *(
-        (f"{key}_{state}_{end}", f"{name} {state}{of}", unit)
-        for key, name in (("start_up", "first plan"), ("first_tick", "first tick"))
-        for state in ("cold", "warm")
-        for end, of, unit in (("s", "", "s"), ("mb", ", peak", "MB"))
-    ),
-)
-"""Key, name and unit of what there is one figure of for each planner."""
+_WHOLE_RUN = {
+    "peak_memory_mb": "peak memory",
+    "model_mb": "model",
+    "start_up_cold_s": "first plan cold",
+    "start_up_cold_mb": "first plan cold, peak",
+    "start_up_warm_s": "first plan warm",
+    "start_up_warm_mb": "first plan warm, peak",
+    "first_tick_cold_s": "first tick cold",
+    "first_tick_cold_mb": "first tick cold, peak",
+    "first_tick_warm_s": "first tick warm",
+    "first_tick_warm_mb": "first tick warm, peak",
+}
+"""Names of the quantities that there is one figure of for each planner."""
 
 
 def machine_words(report: Facts) -> dict[str, str]:
@@ -164,38 +165,39 @@ def machine_words(report: Facts) -> dict[str, str]:
     facts = report["environment"]
     sensors = report["sensors"]
     clocks = sensors["clock_mhz"].values()
-    greatest = MISSING if facts["clock_mhz"] is None else f"{facts['clock_mhz']:.0f} MHz"
+    clock = MISSING if facts["clock_mhz"] is None else f"{facts['clock_mhz']:.0f} MHz"
     ran = "not told while it ran"
     if clocks:
-        least = min(each["min"] for each in clocks)
-        most = max(each["max"] for each in clocks)
-        ran = f"ran at {least:.0f} to {most:.0f}"
+        slowest = min(each["min"] for each in clocks)
+        ran = f"ran at {slowest:.0f} to {max(each['max'] for each in clocks):.0f}"
     versions = {"python": facts["python"]} | facts["packages"]
     named = ("python", "nnpp-edge", "numpy", "numba", "onnxruntime")
     halves = report["disturbance"]["halves"]
-    shares = [half[key] or 0.0 for half in halves for key in ("waited_share", "others_share")]
-    throttled = "no" if clocks or sensors["temperature_c"] else "not told"
+    taken = max(half[key] or 0.0 for half in halves for key in ("waited_share", "others_share"))
+    temperatures = sensors["temperature_c"]
+    unthrottled = "no" if clocks or temperatures else "not told"
     words = {
         "processor": facts["cpu"],
         "cores": f"{len(report['cores'])} of {facts['cores_online'] or '?'}",
         "flags": ", ".join(facts["flags"]) or MISSING,
-        "clock": f"{greatest}, {ran}",
+        "clock": f"{clock}, {ran}",
         "memory": f"{facts['memory_mb'] / 1024:.1f} GiB",
-        "system": f"{facts['system'] or 'Linux'}, kernel {facts['kernel']}, "
-        f"{facts['architecture']}",
+        "system": "{system}, kernel {kernel}, {architecture}".format(
+            **facts | {"system": facts["system"] or "Linux"}
+        ),
         "versions": ", ".join(f"{name} {versions.get(name)}" for name in named),
-        "others took": f"{100 * max(shares):.1f} %",
-        "throttled": sensors["throttled"] or throttled,
+        "others took": f"{100 * taken:.1f} %",
+        "throttled": sensors["throttled"] or unthrottled,
         "governor": ", ".join(facts["governor"] or ()),
         "load": " ".join(map(str, facts["load_average"])),
     }
-    for key, name, unit in _WHOLE_RUN:
-        by_planner = report["besides"].get(key) or {}
+    for quantity, name in _WHOLE_RUN.items():
+        unit = QUANTITIES[quantity].unit
+        by_planner = report["besides"].get(quantity, {})
         figures = [f"{who} {shown(value)} {unit}" for who, value in by_planner.items()]
         words[name] = ", ".join(figures)
-    ranges = []
-    for zone, each in sensors["temperature_c"].items():
-        coldest = shown(each["min"])
-        ranges.append(f"{zone} {coldest} to {shown(each['max'])} °C")
-    words["temperature"] = ", ".join(ranges)
+    words["temperature"] = ", ".join(
+        f"{zone} {shown(each['min'])} to {shown(each['max'])} °C"
+        for zone, each in temperatures.items()
+    )
     return {name: value for name, value in words.items() if value}

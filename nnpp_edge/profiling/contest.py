@@ -2,17 +2,20 @@
 
 import gc
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
 from nnpp_edge.outcome import outcome
 from nnpp_edge.profiling.rows import Row
 from nnpp_edge.progress import ignore
-from nnpp_edge.runtime.planners.plan import Plan
+from nnpp_edge.runtime.arrays import Cells
+from nnpp_edge.runtime.map.grid import Grid
+from nnpp_edge.runtime.planners.plan import Plan, Source
+from nnpp_edge.runtime.search.region import Region
 
 CaseT = TypeVar("CaseT")
 ResultT = TypeVar("ResultT")
@@ -53,18 +56,12 @@ class Harness:
             result = call()
             return self.clock() - began, result
 
-    def shuffled(self, names: Iterable[str]) -> list[str]:
-        """Names in an order that is drawn anew."""
-        ordered = list(names)
-        return [ordered[at] for at in self._rng.permutation(len(ordered))]
-
     def measure(
         self,
         rivals: Mapping[str, Callable[[CaseT], ResultT]],
         cases: Iterable[CaseT],
         *,
         repeats: int = 1,
-        once: Collection[str] = (),
         before: Callable[[str], None] = ignore,
         after: Callable[[str, float, ResultT], None] = ignore,
     ) -> Iterator[dict[str, RivalCalls[CaseT, ResultT]]]:
@@ -72,19 +69,16 @@ class Harness:
         rival, in order.
 
         Cases are taken one by one, when the records of the one before have been used. In each of
-        `repeats` turns every rival is called once, in an order that is drawn anew; those in `once`
-        take part in the first turn only. `before` and `after` are called around each timed call,
-        outside the time that counts.
+        `repeats` turns every rival is called once, in an order that is drawn anew. `before` and
+        `after` are called around each timed call, outside the time that counts.
 
         What a rival raises ends the measurement: figures of the others would no longer be of the
         same cases."""
         for case in cases:
             calls: dict[str, list[tuple[float, ResultT]]] = {name: [] for name in rivals}
             with _no_garbage_collection():
-                for turn in range(repeats):
-                    names = [name for name in rivals if turn == 0 or name not in once]
-                    for at in self._rng.permutation(len(names)):
-                        name = names[at]
+                for _ in range(repeats):
+                    for name in self._rng.permutation([*rivals]).tolist():
                         before(name)
                         began = self.clock()
                         result = rivals[name](case)
@@ -105,22 +99,47 @@ def _no_garbage_collection() -> Iterator[None]:
             gc.enable()
 
 
-def answer(plan: Plan, time_ms: float, optimum: Plan, exact_ms: float | None) -> Row:
-    """A plan's figures beside the optimum; `exact_ms` is exact A*'s time, where it was measured.
-    Whether it was found in the ``first`` region, and whether at all, ``solved``.
+class Answer(NamedTuple):
+    """An answer of what makes no `Plan`."""
+
+    path: Cells
+    """(N, 2), empty where there is no path."""
+    cost: float
+    traverse_cost: float
+    region: Region | None
+    source: Source = Source.REGION
+
+
+def priced(grid: Grid, path: Cells, region: Region | None = None) -> Answer:
+    """A path by what it costs on a map, found in this region or on all of it."""
+    cost, _, cc = grid.costs_of(path)
+    return Answer(path, cost, cc, region)
+
+
+def beside(found: Plan | Answer, optimum: Plan | Answer) -> Row:
+    """An answer's figures beside the optimum: whether it was ``found`` in the first region, and of
+    a path its ``gap`` and CC; of the region that was searched ``mm`` and ``region_share``, where
+    the answer has it.
     """
-    of = outcome(plan.cost, optimum.cost, source=plan.source)
-    found: Row = {
+    row = outcome(found.cost, optimum.cost, len(optimum.path), found.region, found.source)
+    if "gap" in row:
+        row |= {"cc": found.traverse_cost, "exact_cc": optimum.traverse_cost}
+    if "share" in row:
+        row["region_share"] = row.pop("share")
+    return row
+
+
+def answer(plan: Plan, time_ms: float, optimum: Plan, exact_ms: float | None) -> Row:
+    """A plan's figures `beside` the optimum, whether there is a path at all (``solved``), and what
+    it took; `exact_ms` is exact A*'s time, where it was measured.
+    """
+    row: Row = {
         "time_ms": time_ms,
-        "first": of["found"],
         "solved": float(plan.ok),
         "expansions": plan.expansions,
         "costs_computed": plan.costs_computed,
         "checks": plan.checks,
     }
     if exact_ms is not None:
-        found |= {"exact_ms": exact_ms, "speedup": exact_ms / time_ms}
-    if plan.ok:
-        cc = {"cc": plan.traverse_cost, "exact_cc": optimum.traverse_cost}
-        found |= {"gap": of["gap"], **cc}
-    return found
+        row |= {"exact_ms": exact_ms, "speedup": exact_ms / time_ms}
+    return row | beside(plan, optimum)

@@ -2,7 +2,6 @@
 pays over whom.
 """
 
-from collections import defaultdict
 from collections.abc import Sequence
 
 from nnpp_edge.profiling.arrivals import patch_side
@@ -14,6 +13,8 @@ STAGES = ("encode", "inference", "threshold", "coarse", "search", "path", "other
 """Of a plan, in the order of work."""
 PAIRS = (("corridor", "astar"), ("nnpp", "astar"), ("nnpp", "corridor"))
 """Who might pay over whom."""
+_COUNTS = ("planned", "kept", "without_path", "late")
+"""Of the loop's answers."""
 
 
 def results(answers: Rows) -> list[Facts]:
@@ -54,9 +55,7 @@ def loop_rows(reactions: Rows, loop: OnboardLoop) -> list[Facts]:
     """A row for each workload and size at which the reactions of this loop were measured."""
     found: list[Facts] = []
     for (workload, size), rows in reactions.groups(("workload", "size")).items():
-        counts = {
-            key: round(sum(rows.all(key))) for key in ("planned", "kept", "without_path", "late")
-        }
+        counts = {key: round(sum(rows.all(key))) for key in _COUNTS}
         reaction_ms = rows.spread("reaction_ms") or {}
         if len(rows) >= THOUSANDTH:
             reaction_ms["p999"] = rows.figure("reaction_ms_p999")
@@ -82,15 +81,18 @@ def break_even(results: Sequence[Facts]) -> list[Facts]:
     """The size from which on one planner pays over another, of each pair; None where it does not at
     the largest.
     """
-    totals: dict[str, dict[int, float]] = defaultdict(lambda: defaultdict(float))
-    for row in results:
-        totals[row["planner"]][row["size"]] += row["n"] * row["time_ms"]["mean"]
     lines: list[Facts] = []
+    by_size = sorted(Rows(results).by("size").items(), reverse=True)
     for planner, over in PAIRS:
         size_from = None
-        for size in sorted(totals[planner], reverse=True):
-            if totals[planner][size] >= totals[over][size]:
+        for size, rows in by_size:
+            if _total_ms(rows.of(planner)) >= _total_ms(rows.of(over)):
                 break
             size_from = size
         lines.append({"planner": planner, "over": over, "size_from": size_from})
     return lines
+
+
+def _total_ms(rows: Rows) -> float:
+    """Time of all queries together."""
+    return float(sum(row["n"] * row["time_ms"]["mean"] for row in rows))

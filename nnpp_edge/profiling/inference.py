@@ -7,8 +7,7 @@ of its own a small network is faster, and int8 gains more there
 """
 
 from collections.abc import Mapping
-from functools import cache
-from statistics import median
+from functools import cache, partial
 
 import numpy as np
 
@@ -26,27 +25,24 @@ _SIDE = 512
 """Of the map that is planned on between two inferences: 13 MB of weights and scratch memory."""
 
 
-def inference_ms(networks: Mapping[str, NetworkModel], harness: Harness) -> dict[str, float]:
-    """Milliseconds of one inference of each network, all of it, right after an exact plan on a map
-    of 512²; their order is drawn anew.
+def inference_ms(
+    networks: Mapping[str, NetworkModel], harness: Harness, rounds: int = 1
+) -> dict[str, float]:
+    """Median milliseconds of one inference of each network, all of it, right after an exact plan on
+    a map of 512²; their order is drawn anew.
     """
-    found = {}
-    for name in harness.shuffled(networks):
-        _plan_between()
-        seconds, _ = harness.timed(networks[name].try_out)
-        found[name] = 1e3 * seconds
-    return found
+    calls = {name: partial(_try_out, network) for name, network in networks.items()}
+    (records,) = harness.measure(calls, [None], repeats=rounds, before=_plan_between)
+    return {name: 1e3 * record.median_s for name, record in records.items()}
 
 
 def fp32_and_int8_ms(fp32: str, int8: str) -> tuple[float, float]:
     """Median milliseconds of both models, by name or path, in turns, so that whatever else the
     machine does slows both. On one thread: two wait for each other, most on a busy machine.
     """
-    harness = Harness()
     networks = {model: NetworkModel(model, threads=1) for model in (fp32, int8)}
-    times = [inference_ms(networks, harness) for _ in range(ROUNDS)]
-    fp32_ms, int8_ms = (median(each[name] for each in times) for name in networks)
-    return fp32_ms, int8_ms
+    found = inference_ms(networks, Harness(), ROUNDS)
+    return found[fp32], found[int8]
 
 
 def int8_in_words(speed_up: float) -> str:
@@ -55,9 +51,12 @@ def int8_in_words(speed_up: float) -> str:
     return f"int8 {pays}: right after a plan its inference is {speed_up:.2f} times as fast as fp32"
 
 
-def _plan_between() -> None:
-    start, goal = (3, 3), (_SIDE - 4, _SIDE - 4)
-    _planner().plan(start, goal, method="astar")
+def _try_out(network: NetworkModel, _: None) -> None:
+    network.try_out()
+
+
+def _plan_between(_: str) -> None:
+    _planner().plan((3, 3), (_SIDE - 4, _SIDE - 4), method="astar")
 
 
 @cache

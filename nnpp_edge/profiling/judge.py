@@ -1,14 +1,16 @@
 """Budgets against figures: passed, missed, noisy, throttled or not measured."""
 
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from msgspec.structs import asdict, replace
 
+from nnpp_edge.profiling.intervals import Interval
 from nnpp_edge.profiling.profile_file import LOOP, Budget, Profile
 from nnpp_edge.profiling.quantities import QUANTITIES
-from nnpp_edge.profiling.rows import PLACE, Facts, Line
+from nnpp_edge.profiling.rows import PLACE, Facts, Line, Rows
 from nnpp_edge.profiling.sensors import Throttling
 from nnpp_edge.progress import shown, with_unit
 
@@ -47,6 +49,8 @@ even without the time that was lost.
 """
 _TEN_TIMES = 10.0
 """In a noisy run a budget is kept where it is by this factor."""
+_BUDGET = ("name", "planner")
+"""What a summary counts as one budget."""
 
 
 class Noise(NamedTuple):
@@ -83,28 +87,21 @@ def judged(
     A budget that passes on a throttled processor passes. One that is missed there counts as missed
     only if it would be missed at the full clock too; else it is ``throttled``.
     """
-    rows = rows_by_place(results, loop)
+    of_loop = [{**row, "planner": LOOP} for row in loop]
+    rows = {PLACE(row): row for row in [*results, *of_loop]}
     lines = []
     for budget in profile.budgets:
-        name = budget.quantity
-        if QUANTITIES[name].whole_run:
-            figure = whole_run.get(name, {}).get(budget.planner)
-            lines.append(_line(replace(budget, workload=None, size=None), figure, None, noise))
+        if QUANTITIES[budget.quantity].whole_run:
+            figure = whole_run.get(budget.quantity, {}).get(budget.planner)
+            at = replace(budget, workload=None, size=None)
+            lines.append(_line(at, figure, None, noise))
             continue
         for workload, size in profile.places(budget):
             row = rows.get((workload, size, budget.planner), {"halves": {}})
             at = replace(budget, workload=workload, size=size)
-            halves = row["halves"].get(QUANTITIES[name].basis)
-            lines.append(_line(at, value_of(row, name), halves, noise))
+            halves = row["halves"].get(budget.basis)
+            lines.append(_line(at, value_of(row, budget.quantity), halves, noise))
     return lines
-
-
-def rows_by_place(
-    results: Sequence[Facts], loop: Sequence[Facts]
-) -> dict[tuple[str, int, str], Facts]:
-    """The rows by workload, size and planner, those of the loop under its name."""
-    of_loop = [{**row, "planner": LOOP} for row in loop]
-    return {PLACE(row): row for row in [*results, *of_loop]}
 
 
 def verdict(lines: Sequence[Facts], noise: Noise) -> str:
@@ -112,11 +109,13 @@ def verdict(lines: Sequence[Facts], noise: Noise) -> str:
     throttled that any budget has, else met.
     """
     states = {line["verdict"] for line in lines}
+    if not states:  # by the run itself
+        states = {NOISY if noise.words else THROTTLED if noise.throttling.words else PASS}
     if FAIL in states:
         return MISSED
-    if states & {NOISY, ABSENT} or (noise.words and not lines):
+    if states & {NOISY, ABSENT}:
         return UNSURE
-    return THROTTLED if THROTTLED in states or (noise.throttling.words and not lines) else MET
+    return THROTTLED if THROTTLED in states else MET
 
 
 def summary(ending: str, lines: Sequence[Facts], noise: str) -> str:
@@ -135,14 +134,11 @@ def summary(ending: str, lines: Sequence[Facts], noise: str) -> str:
     counted = [f"{counts[state]} {words}" for state, words in IN_WORDS.items() if counts[state]]
     parts = [f"{head}: {', '.join(counted)}"]
     for state in blame:
-        places: dict[tuple[str, str], list[str]] = {}
-        for line in lines:
-            if line["verdict"] == state:
-                where = places.setdefault((line["name"], line["planner"]), [line["planner"]])
-                if line["size"]:
-                    where.append(place(line))
-        if places:
-            names = [f"{name} ({', '.join(where)})" for (name, _), where in places.items()]
+        names = []
+        for (name, planner), missed in Rows(lines).of(verdict=state).groups(_BUDGET).items():
+            where = [planner, *(place(line) for line in missed if line["size"])]
+            names.append(f"{name} ({', '.join(where)})")
+        if names:
             parts.append(f"{IN_WORDS[state]}: {', '.join(names)}")
     return "; ".join(parts)
 
@@ -171,10 +167,10 @@ def answers(lines: Sequence[Facts]) -> str:
     kept, each with its tightest figure; empty without such budgets.
     """
     said = []
-    limits = [line for line in lines if line["limit"] > 0.0]  # of 0 there is no share
     for name, quantities in _QUESTIONS.items():
-        asked = [line for line in limits if line["quantity"] in quantities]
-        measured = [line for line in asked if line["value"] is not None]
+        asked = [line for line in lines if line["quantity"] in quantities]
+        # of a limit of 0 there is no share
+        measured = [line for line in asked if line["value"] is not None and line["limit"] > 0.0]
         if not measured:
             continue
         tightest = min(measured, key=lambda line: line["value"] / line["limit"])
@@ -193,8 +189,7 @@ def _line(
 ) -> Facts:
     """The line of a budget at one place, by a report's figure and the medians of both halves."""
     value = None if figure is None else QUANTITIES[at.quantity].scale * figure
-    if value is None:
-        halves = None
+    halves = None if value is None else halves
     state, why = _verdict(at, value, halves, noise)
     return asdict(at) | {"value": value, "halves": halves, "verdict": state, "why": why}
 
@@ -221,13 +216,11 @@ def _verdict(
     """A budget's verdict; with noise, and where it is none, also why."""
     if value is None:
         return ABSENT, "this run did not measure it"
-    wanted = value
-    got = budget.limit
-    if budget.direction == "at least":
-        wanted = budget.limit
-        got = value
-    state = PASS if got >= wanted else FAIL
-    if not QUANTITIES[budget.quantity].basis:
+    at_least = budget.direction == "at least"
+    limits = {"least" if at_least else "most": budget.limit}
+    kept = Interval(value, value, value).within(**limits)
+    state = PASS if kept else FAIL
+    if not budget.basis:
         return state, ""
 
     # signs of noise; of throttling, where there are none and a budget is missed
@@ -239,7 +232,7 @@ def _verdict(
     lost = noise.share
     if apart > MOST_APART:
         words = f"the halves of the run differ by {100 * apart:.0f} %"
-    if not words and state == FAIL:
+    if not words and not kept:
         unsure = THROTTLED
         words = noise.throttling.words
         lost = noise.throttling.share
@@ -247,13 +240,13 @@ def _verdict(
     if not words:
         return state, ""
 
-    # beyond doubt: the better half would miss the limit even with the share of the time back that
-    # was lost
-    if state == PASS:
-        if not noise.words and got >= wanted * (1.0 + apart) ** 2:
-            return PASS, f"{words}, and it would be kept if they differed by as much again"
-        if got >= _TEN_TIMES * wanted:
-            return PASS, f"kept {_TEN_TIMES:g} times over, under load: {words}"
-    elif got <= 0.0 or (1.0 - lost) * wanted / (got * (1.0 + apart)) > _BEYOND_DOUBT:
-        return FAIL, f"{words}, which explains no such miss"
-    return unsure, words
+    # how much worse the figure may be, and better: by the half that was disturbed less, with the
+    # share of the time back that was lost
+    worse = _TEN_TIMES if noise.words else (1.0 + apart) ** 2
+    better = math.inf if lost == 1.0 else _BEYOND_DOUBT * (1.0 + apart) / (1.0 - lost)
+    if at_least:
+        worse, better = better, worse
+    likely = Interval(value, value / better, value * worse)
+    if likely.within(**limits) is None:
+        return unsure, words
+    return state, f"{words}, which explains no such {'margin' if kept else 'miss'}"

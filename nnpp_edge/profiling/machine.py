@@ -6,7 +6,7 @@ import math
 import os
 import platform
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -26,8 +26,6 @@ _FLAGS = f"{_X86} {_ARM}".split()
 _PACKAGES = ("numpy", "numba", "onnxruntime", "opencv-python-headless")
 _PROC = Path("/proc")
 _SYS = Path("/sys")
-_NO_PROCESSORS = ("i915", "xe", "amd_energy")
-"""Drivers whose energies in hwmon are those of graphics cards, or count cores twice."""
 _IDLE = slice(3, 5)
 """Columns of /proc/stat that are no work: idle, and waiting for a disk."""
 _GUEST = 8
@@ -37,13 +35,9 @@ _GUEST = 8
 def environment(cores: Sequence[int]) -> Facts:
     """CPU, its flags, governor of the cores, memory, versions and load, ready for JSON."""
     architecture = platform.machine()
-    info: dict[str, str] = {}
-    for line in text_of(
-        _PROC / "cpuinfo"
-    ).splitlines():  # the first core, and the board behind all of them
-        key, _, value = line.partition(":")
-        if value.strip():
-            info.setdefault(key.strip(), value.strip())
+    # the first core's, and the board's behind all of them
+    lines = [line.partition(":") for line in reversed(text_of(_PROC / "cpuinfo").splitlines())]
+    info = {key.strip(): value.strip() for key, _, value in lines if value.strip()}
     flags = info.get("flags", info.get("Features", "")).split()
 
     # what the processor is called: x86 says so, of a board its own name says more
@@ -111,53 +105,45 @@ class Disturbance:
     def __init__(self, cores: Sequence[int]) -> None:
         self._cores = cores
         self._sums = np.zeros(4)
-        self._left_out = np.zeros(2)
-        self._began = np.zeros(4)
+        self._left_out = np.zeros(4)
 
-    def start(self) -> None:
-        self._began = self._clocks()
-
-    def stop(self) -> None:
-        """Add what has passed since `start`."""
-        self._sums += self._clocks() - self._began
+    @contextmanager
+    def watched(self) -> Iterator[None]:
+        """Count what passes meanwhile."""
+        began = self._clocks()
+        yield
+        self._sums += self._clocks() - began
 
     def leave_out(self, wall_s: float, worked_s: float) -> None:
         """Leave out a call in which this thread may have waited for threads of its own."""
-        self._left_out += wall_s, worked_s
+        self._left_out[:2] += wall_s, worked_s
 
-    def left_out(self, call: Callable[[], ResultT]) -> ResultT:
-        """The result of a call that counts neither as work nor as waiting."""
-        began = time.perf_counter()
-        worked = time.thread_time()
-        result = call()
-        self.leave_out(time.perf_counter() - began, time.thread_time() - worked)
-        return result
+    @contextmanager
+    def left_out(self) -> Iterator[None]:
+        """Count what passes meanwhile neither as work nor as waiting."""
+        began = self._clocks()
+        yield
+        self.leave_out(*(self._clocks() - began)[:2])
 
-    @property
-    def elapsed_s(self) -> float:
-        return float(self._sums[0])
-
-    def waited_share(self) -> float:
-        """Share of its time that this thread stood still though it had work to do: beyond its
-        processor time.
+    def facts(self) -> Facts:
+        """``waited_share``, of its time that this thread stood still though it had work to do:
+        beyond its processor time. ``others_share``, of the cores' time that went to other
+        processes, interrupts or a virtual machine's other guests. ``measured_s``.
         """
-        wall_s, worked_s = self._sums[:2] - self._left_out
-        return max(1.0 - float(worked_s / wall_s), 0.0) if wall_s > 0.0 else 0.0
-
-    def others_share(self) -> float | None:
-        """Share of the cores' time that went to other processes, interrupts or a virtual machine's
-        other guests.
-        """
-        elapsed, _, own, busy = self._sums.tolist()
-        if math.isnan(busy) or not elapsed:
-            return None
-        return min(max((busy - own) / (elapsed * len(self._cores)), 0.0), 1.0)
+        elapsed_s, _, own_s, busy_s = self._sums.tolist()
+        wall_s, worked_s, _, _ = (self._sums - self._left_out).tolist()
+        waited = max(1.0 - worked_s / wall_s, 0.0) if wall_s > 0.0 else 0.0
+        others = None
+        if elapsed_s and not math.isnan(busy_s):
+            share = (busy_s - own_s) / (elapsed_s * len(self._cores))
+            others = min(max(share, 0.0), 1.0)
+        return {"waited_share": waited, "others_share": others, "measured_s": elapsed_s}
 
     def _clocks(self) -> np.ndarray:
         """Seconds on the wall, of this thread, of this process, and that the cores worked."""
-        busy = core_seconds(self._cores)
+        busy_s = core_seconds(self._cores)
         own = time.perf_counter(), time.thread_time(), time.process_time()
-        return np.array((*own, math.nan if busy is None else busy))
+        return np.array((*own, math.nan if busy_s is None else busy_s))
 
 
 def core_seconds(cores: Sequence[int]) -> float | None:
@@ -177,32 +163,3 @@ def core_seconds(cores: Sequence[int]) -> float | None:
     if counted < len(wanted):
         return None
     return ticks / os.sysconf("SC_CLK_TCK")
-
-
-class EnergyMeter:
-    """Energy of the processor by RAPL's packages, else by hwmon; NaN where neither can be read."""
-
-    def __init__(self, folder: Path = _SYS / "class") -> None:
-        # of RAPL's other zones, core and dram are parts of packages, and psys holds them
-        rapl = folder.glob("powercap/intel-rapl:*/energy_uj")
-        hwmon = folder.glob("hwmon/hwmon*/energy*_input")
-        packages = [each for each in rapl if _name_beside(each).startswith("package")]
-        others = [each for each in hwmon if _name_beside(each) not in _NO_PROCESSORS]
-        self._counters = packages or others
-        files = [path.with_name("max_energy_range_uj") for path in self._counters]
-        self._ranges = np.array([text_of(file) or math.inf for file in files], float) + 1.0
-
-    def read(self) -> np.ndarray:
-        """Microjoules of each counter."""
-        return np.array([text_of(path) or math.nan for path in self._counters], float)
-
-    def since_mj(self, before: np.ndarray) -> float:
-        """Millijoules since a reading. A counter that has wrapped around is one range further."""
-        if not self._counters:
-            return math.nan
-        return 1e-3 * float(np.sum((self.read() - before) % self._ranges))
-
-
-def _name_beside(path: Path) -> str:
-    """Name of the device whose file this is."""
-    return text_of(path.with_name("name"))

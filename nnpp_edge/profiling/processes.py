@@ -13,7 +13,6 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from nnpp_edge.profiling.suites import Case
-from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import NnppEdgeError
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.memory import peak_bytes
@@ -35,14 +34,14 @@ _WARM_STARTS = 3
 _DRIVE = b'{"type":"pose","row":90,"col":60}\n{"type":"goal","row":450,"col":470}\n'
 
 
-def peak_memory_mb(on_map: Case, query: Endpoints, method: str, model: str) -> float | None:
-    """Peak resident memory of import, load, map and one plan, in MB (10⁶ bytes); None where the
-    kernel does not say.
+def peak_memory_mb(case: Case, method: str, model: str) -> float | None:
+    """Peak resident memory of import, load, map and one plan of its first query, in MB (10⁶ bytes);
+    None where the kernel does not say.
 
     The map is read as costs, and with a vehicle as elevations. NnppEdgeError if the process fails;
     the message ends with the last line that it wrote.
     """
-    given = pickle.dumps((on_map.standing, query, method, model), 5)
+    given = pickle.dumps((case.standing, case.queries[0], method, model), 5)
     _, peak_mb = _first_answer(_PLAN_ONCE, method, given)
     return peak_mb or None
 

@@ -117,6 +117,11 @@ class Budget(Table, frozen=True):
         unit = QUANTITIES[self.quantity].unit
         self.refuse_unless(self.unit == unit, "unit", f"{unit!r}, the unit of {self.quantity}")
 
+    @property
+    def basis(self) -> str:
+        """Of what the two halves of a run must agree."""
+        return QUANTITIES[self.quantity].basis
+
     def check(self, profile: "Profile") -> None:
         """Refuse what this profile does not measure."""
         of_loop = QUANTITIES[self.quantity].of_loop
@@ -158,16 +163,13 @@ class Profile(Table, frozen=True):
     @property
     def arriving(self) -> frozenset[str]:
         """The planners that are also measured on maps and patches that have just arrived."""
-        budgets = [*self.budgets_on("map"), *self.budgets_on("patch")]
-        return frozenset({self.planner, *(budget.planner for budget in budgets)})
+        asked = {each.planner for each in self.budgets if each.basis in ("map", "patch")}
+        return frozenset({self.planner, *asked})
 
     def measured_at(self, basis: str) -> frozenset[tuple[str, int]]:
         """Workloads and sizes at which a budget asks for quantities of this basis."""
-        return frozenset(chain.from_iterable(map(self.places, self.budgets_on(basis))))
-
-    def budgets_on(self, basis: str) -> list[Budget]:
-        """The budgets on quantities of this basis."""
-        return [each for each in self.budgets if QUANTITIES[each.quantity].basis == basis]
+        asked = [self.places(budget) for budget in self.budgets if budget.basis == basis]
+        return frozenset(chain.from_iterable(asked))
 
     def places(self, budget: Budget) -> list[tuple[str, int]]:
         """Workloads and sizes at which a budget is judged."""

@@ -56,9 +56,8 @@ _FIGURES: dict[str, Figure] = {
     "speedup_plain": methodcaller("ratio", "plain_ms", "time_ms"),
     "int8_speedup": _int8_speedup,
     "cc_excess": methodcaller("increase"),
-    "success_first": methodcaller("figure", "first_mean"),
+    "success_first": methodcaller("figure", "found_mean"),
     "success": methodcaller("figure", "solved_mean"),
-    "energy_mj": methodcaller("figure", "energy_mj_mean"),
 }
 """Of the quantities that are called otherwise than `Rows.figure` calls them."""
 BASES: dict[str, Figure] = {
@@ -107,7 +106,6 @@ cc_excess           | %   |             | row
 success_first       | %   |             | row
 success             | %   |             | row
 expansions_median   | 1   |             | row
-energy_mj           | mJ  | time        | row
 peak_memory_mb      | MB  |             | run
 start_up_warm_s     | s   | time        | run
 start_up_cold_s     | s   | time        | run
@@ -117,7 +115,6 @@ first_tick_warm_s   | s   | time        | run, loop
 first_tick_cold_s   | s   | time        | run, loop
 first_tick_warm_mb  | MB  |             | run, loop
 first_tick_cold_mb  | MB  |             | run, loop
-prior_ms            | ms  | time        | run, loop
 model_mb            | MB  |             | run
 """
 """Name, unit, basis; and whether there is one figure for a planner's row of results, a part of a

@@ -6,18 +6,15 @@ from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 
 from nnpp_edge import __version__
-from nnpp_edge.profiling.arrivals import prior_ms
-from nnpp_edge.profiling.contest import Harness
 from nnpp_edge.profiling.figures import break_even, loop_rows, results
 from nnpp_edge.profiling.judge import WholeRun, answers, judged, noise_of, summary, verdict
 from nnpp_edge.profiling.machine import environment, pinned
-from nnpp_edge.profiling.measure import ProfileMaps, rivals_of, run
+from nnpp_edge.profiling.measure import maps_of, rivals_of, run
 from nnpp_edge.profiling.processes import peak_memory_mb, start_up
 from nnpp_edge.profiling.profile_file import LOOP, SYNTHETIC, Profile
 from nnpp_edge.profiling.quantities import STARTS
 from nnpp_edge.profiling.rivals import RivalPlanner
 from nnpp_edge.profiling.rows import Facts
-from nnpp_edge.profiling.sensors import Sensors
 from nnpp_edge.profiling.suites import solvable
 from nnpp_edge.progress import Progress, ignore
 from nnpp_edge.runtime.options import STILL
@@ -51,8 +48,7 @@ def profile_machine(
         for line in problems:
             say(line)
         rivals = rivals_of(profile.networks, profile.device)
-        sensors = Sensors(cores)
-        measured = run(profile, rivals, cores, sensors=sensors, progress=progress)
+        measured = run(profile, rivals, cores, progress)
         whole_run = _whole_run(profile, rivals, starts, say)
     rows = results(measured.answers)
     loop = loop_rows(measured.reactions, profile.loop)
@@ -60,11 +56,8 @@ def profile_machine(
         made = {row["size"] for row in rows if row["terrain"] == SYNTHETIC}
         for size in sorted(made):
             said.append(f"no terrain has {size} × {size} cells: synthetic ground in its place")
-    halves = []
-    for half in measured.disturbance:
-        shares = {"waited_share": half.waited_share(), "others_share": half.others_share()}
-        halves.append(shares | {"measured_s": half.elapsed_s})
-    noise = noise_of(halves, sensors.throttling())
+    halves = [half.facts() for half in measured.disturbance]
+    noise = noise_of(halves, measured.sensors.throttling())
     lines = judged(profile, rows, whole_run, noise, loop)
     of_points = [row for row in rows if body_rocks(row["workload"]) is None]
     ending = verdict(lines, noise)
@@ -81,7 +74,7 @@ def profile_machine(
         "loop": loop,
         "break_even": break_even(of_points or rows),
         "disturbance": {"words": noise.words, "halves": halves},
-        "sensors": sensors.facts(),
+        "sensors": measured.sensors.facts(),
         "besides": whole_run,
         "cores": cores,
         "environment": environment(cores),
@@ -96,20 +89,18 @@ def _whole_run(
     say: Callable[[str], None],
 ) -> WholeRun:
     """Figures of the whole run, by quantity and planner."""
-    load = profile.load
-    files = {rival.name: rival.model.path for rival in rivals if rival.model is not None}
-    sizes_mb = {name: 1e-6 * file.stat().st_size for name, file in files.items()}
-
     say("peak memory, in processes of their own")
-    maps = ProfileMaps(load).maps(load.workloads[0], max(load.sizes))
-    on_map, (query,) = next(solvable(maps, 1))
-    peaks = {}
+    load = profile.load
+    case = next(solvable(maps_of(load)(load.workloads[0], max(load.sizes)), 1))
+    found: WholeRun = {"model_mb": {}, "peak_memory_mb": {}}
     for rival in rivals:
-        model = str(files.get(rival.name, files["nnpp"]))
-        peak = peak_memory_mb(on_map, query, rival.method, model)
+        model = profile.networks.int8
+        if rival.model is not None:
+            model = str(rival.model.path)
+            found["model_mb"][rival.name] = 1e-6 * rival.model.path.stat().st_size
+        peak = peak_memory_mb(case, rival.method, model)
         if peak is not None:
-            peaks[rival.name] = peak
-    found = {"model_mb": sizes_mb, "peak_memory_mb": peaks, "prior_ms": {LOOP: prior_ms(Harness())}}
+            found["peak_memory_mb"][rival.name] = peak
 
     asked = [budget for budget in profile.budgets if budget.quantity in STARTS]
     cold = starts or any("cold" in budget.quantity for budget in asked)

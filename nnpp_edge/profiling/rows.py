@@ -78,10 +78,6 @@ class Rows(list[Row]):
         found = self.all(name)
         return float(np.mean(found)) if found else math.nan
 
-    def total(self, name: str) -> float:
-        """Sum of the numbers under a name; NaN where there are none."""
-        return sum(self.all(name)) or math.nan
-
     def ratio(self, name: str, other: str) -> float | None:
         """The sum of a column over that of another, of the rows that have both."""
         both = self.having(name, other)
@@ -117,10 +113,6 @@ class Rows(list[Row]):
         both = self.of(slower, faster).answered()
         fast_s = sum(both.of(faster).all("time_s"))
         return sum(both.of(slower).all("time_s")) / fast_s if fast_s else math.nan
-
-    def speedups(self, slower: str, faster: str) -> dict[int, float]:
-        """The speed-up on maps of each size."""
-        return {size: rows.speedup(slower, faster) for size, rows in self.by("size").items()}
 
     def increase(self, *planners: str) -> float:
         """Share by which the summed CC of these planners' paths, by default of all, exceeds that of

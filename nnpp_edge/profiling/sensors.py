@@ -104,13 +104,10 @@ class Sensors:
         missing = []
         for core, values in self._series(CLOCKS):
             quarter = max(len(values) // 4, 1)
-            first = float(np.median(values[:quarter]))
-            last = float(np.median(values[-quarter:]))
+            first, typical, last = map(np.median, (values[:quarter], values, values[-quarter:]))
             if last < (1.0 - FALL) * first:
                 words.append(f"the clock of core {core} fell from {first:.0f} to {last:.0f} MHz")
-            missing.append(
-                1.0 - np.median(values) / max(self.limits[CLOCKS].get(core) or 0, *values)
-            )
+            missing.append(1.0 - typical / max(self.limits[CLOCKS].get(core, 0.0), *values))
         for zone, values in self._series(TEMPERATURES):
             trip = self.limits[TEMPERATURES].get(zone, math.inf)
             if met := sum(each >= trip for each in values):

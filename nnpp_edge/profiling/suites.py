@@ -1,7 +1,7 @@
 """Maps and queries to judge planners by, from terrain files."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 
@@ -49,6 +49,10 @@ class Case:
     """
     ground: Ground
     """Source of the costs: elevations, as a rule."""
+    terrain: str = SYNTHETIC
+    """Name of the terrain that maps of this size are taken from."""
+    unsolvable: int = 0
+    """Queries without a path, on this map and those before: see `solvable`."""
 
     @property
     def standing(self) -> Ground:
@@ -82,11 +86,11 @@ def check_sizes(dems: Sequence[Dem], sizes: Sequence[int]) -> None:
     """InvalidQueryError where a terrain is smaller than one of the sizes."""
     most = max(sizes)
     for dem in dems:
-        if not large_enough([dem], most):
-            rows, cols = dem.shape
+        rows, cols = dem.shape
+        if min(rows, cols) < most:
             raise InvalidQueryError(
                 f"{dem.source}: wanted terrain of at least {most} × {most} cells, got {rows} × "
-                f"{cols}: --sizes {min(dem.shape)} is the largest that fits"
+                f"{cols}: --sizes {min(rows, cols)} is the largest that fits"
             )
 
 
@@ -113,17 +117,6 @@ def whole_cost(ground: Ground) -> Float2D:
     return best
 
 
-def large_enough(dems: Sequence[Dem], size: int) -> list[Dem]:
-    """Those that a map of this size can be cropped from."""
-    return [dem for dem in dems if min(dem.shape) >= size]
-
-
-def source_of(dems: Sequence[Dem], size: int) -> str:
-    """Name of the terrain that `terrain_cases` takes maps of this size from."""
-    names = dict.fromkeys(dem.source.stem for dem in large_enough(dems, size))
-    return ", ".join(names) or SYNTHETIC
-
-
 def terrain_cases(
     dems: Sequence[Dem],
     name: str,
@@ -144,7 +137,8 @@ def terrain_cases(
     InvalidQueryError if many maps in a row have no fitting query, there is no such workload, or it
     takes a vehicle.
     """
-    fitting = large_enough(dems, size)
+    fitting = [dem for dem in dems if min(dem.shape) >= size]
+    terrain = ", ".join(dict.fromkeys(dem.source.stem for dem in fitting)) or SYNTHETIC
     rocks = body_rocks(name)
     if rocks is None:
         vehicle = None
@@ -176,28 +170,35 @@ def terrain_cases(
         queries = tuple(query for query in drawn if query is not None)
         in_vain = 0 if queries else in_vain + 1
         if queries:
-            yield Case(name, size, cost, queries, ground)
+            yield Case(name, size, cost, queries, ground, terrain)
     raise InvalidQueryError(
         f"no two passable cells {least:.0f} apart were found in {_TRIES} maps of {size} × {size} "
         f"for the workload {name}"
     )
 
 
-def solvable(
-    cases: Iterable[Case], count: int, most: int = QUERIES_PER_MAP
-) -> Iterator[tuple[Case, list[Endpoints]]]:
+def solvable(cases: Iterable[Case], count: int, most: int = QUERIES_PER_MAP) -> Iterator[Case]:
     """Cases with those of their queries that have a path, `most` of each, until there are `count`.
 
     InvalidQueryError if too many maps have too few.
     """
     missing = count
+    unsolvable = 0
     tried = 0
     for case in islice(cases, _MAPS_TRIED * count):
         tried += 1
-        queries = list(islice(filter(case.connections(), case.queries), min(missing, most)))
+        connected = case.connections()
+        queries: list[Endpoints] = []
+        for query in case.queries:
+            if len(queries) == min(missing, most):
+                break
+            if connected(query):
+                queries.append(query)
+            else:
+                unsolvable += 1
         missing -= len(queries)
         if queries:
-            yield case, queries
+            yield replace(case, queries=tuple(queries), unsolvable=unsolvable)
         if not missing:
             return
     raise InvalidQueryError(

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from nnpp_edge.profiling.intervals import Interval
 from nnpp_edge.profiling.rows import Rows
 
 RESAMPLED = 2000
@@ -20,18 +20,6 @@ ALIKE = "no difference shown"
 KEEP = "keep it"
 LEAVE = "not worth keeping"
 OPEN = "cannot be told, more --queries narrow the intervals"
-
-
-@dataclass(frozen=True)
-class Interval:
-    """A figure, and between what it lies at 95 %, had other queries been drawn on this ground."""
-
-    value: float
-    low: float
-    high: float
-
-    def __str__(self) -> str:
-        return f"{self.value:.2f} ({self.low:.2f} to {self.high:.2f})"
 
 
 @dataclass(frozen=True)
@@ -65,14 +53,9 @@ def beside(other: str, own: Rows, others: Rows) -> Beside:
     drawn = np.random.default_rng(0).integers(len(gaps), size=(RESAMPLED, len(gaps)))
     return Beside(
         other,
-        _interval(100.0 * gaps.mean(), 100.0 * gaps[drawn].mean(axis=1)),
-        _interval(float(np.median(faster)), np.median(faster[drawn], axis=1)),
+        Interval.of(100.0 * gaps.mean(), 100.0 * gaps[drawn].mean(axis=1)),
+        Interval.of(np.median(faster), np.median(faster[drawn], axis=1)),
     )
-
-
-def _interval(value: float, resampled: NDArray[np.float64]) -> Interval:
-    low, high = np.quantile(resampled, (0.025, 0.975)).tolist()
-    return Interval(float(value), low, high)
 
 
 def verdict(found: Sequence[Beside]) -> str:

@@ -3,49 +3,52 @@
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from nnpp_edge.profiling.rows import Rows
-from nnpp_edge.reproduction.episode import Patch
 from nnpp_edge.reproduction.planners import PLANNERS, OneMap
 from nnpp_edge.reproduction.regions import NETWORK, best_path
-from nnpp_edge.runtime.arrays import Int32
-from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.reproduction.table import written
 from nnpp_edge.viz.figures import Curve, Panel, chart
+from nnpp_edge.viz.palette import GOAL, GRID, OPTIMUM, PATH, REGION
+from nnpp_edge.viz.picture import Chart, Drawn, Tint
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-PAPER = "#7f7f7f"
-COLOURS = {name: f"C{at}" for at, name in enumerate((*PLANNERS, "inference"))}
+PAPER_GREY = "#7f7f7f"
+COLOURS = {name: f"C{at}" for at, name in enumerate(PLANNERS)}
 """Of the planners; the paper's are grey."""
-_IMPASSABLE = (0.38, 0.17, 0.13)
-_CYAN = np.array([0.0, 0.9, 1.0])
-_TINT = 0.45
 
 
 def maps(scenes: Sequence[Panel]) -> "Figure":
-    """Maps in lines of five."""
-    return chart([scenes[first : first + 5] for first in range(0, len(scenes), 5)], wide=2.6)
+    """Maps in lines of three."""
+    return chart([scenes[first : first + 3] for first in range(0, len(scenes), 3)], wide=4.2)
 
 
-def by_size(rows: Rows, name: str, styles: Mapping[str, str], title: str, unit: str) -> Panel:
-    """Means of the planners' figures against the map's side."""
-    curves = []
-    for planner, style in styles.items():
-        groups = rows.of(planner).by("size")
-        means = [of.mean(name) for of in groups.values()]
-        curves.append(Curve([*groups], means, style, planner, COLOURS.get(planner, PAPER)))
-    return Panel(title, curves, "side of the map, cells", unit, "xy")
+def by_size(names: Mapping[str, tuple[str, str]], rows: Rows) -> "Figure":
+    """A panel for each of these figures, whose title and unit are given: the means of each planner
+    that has it against the map's side.
+    """
+    panels = []
+    for name, (title, unit) in names.items():
+        curves = []
+        for planner, own in rows.having(name).by("planner").items():
+            groups = own.by("size")
+            means = [of.mean(name) for of in groups.values()]
+            style = "o-" if planner in COLOURS else "o--"
+            colour = COLOURS.get(planner, PAPER_GREY)
+            curves.append(Curve([*groups], means, style, planner, colour))
+        panels.append(Panel(title, curves, "side of the map, cells", unit, "xy"))
+    return chart([panels])
 
 
-def by_planner(groups: Mapping[object, Rows]) -> "Figure":
-    """For each group the planners' mean times and their CC above that of exact A*."""
+def by_planner(name: str, rows: Rows) -> "Figure":
+    """For each value under a name the planners' mean times and their CC above that of exact A*."""
     lines = []
-    for label, rows in groups.items():
-        timed = rows.having("time_s").by("planner")
-        times = Curve([of.mean("time_s") for of in timed.values()], [*timed], "o")
-        above = Curve([100.0 * of.increase() for of in timed.values()], [*timed], "o")
+    for value, group in rows.having("time_s").by(name).items():
+        label = written(name, value)
+        planners = group.by("planner")
+        times = Curve([of.mean("time_s") for of in planners.values()], [*planners], "o")
+        above = Curve([100.0 * of.increase() for of in planners.values()], [*planners], "o")
         title = f"{label}: CC above that of exact A*"
         mean = Panel(f"{label}: mean time", [times], "seconds", log="x")
         lines.append([mean, Panel(title, [above], "%")])
@@ -57,32 +60,19 @@ def frame(at: int) -> str:
     return ("T", "T + Δt")[at] if at < 2 else f"T + {at}Δt"
 
 
-def scene(
-    title: str, here: OneMap, before: OneMap | None = None, patches: Sequence[Patch] = ()
-) -> Panel:
-    """A map's cost in grey, the whiter the dearer, brown where impassable, cyan inside the region;
-    with the optimal path, the one in the region, that of the plan before, and what has changed.
+def scene(title: str, here: OneMap, before: OneMap | None = None) -> Panel:
+    """A map with the network's region, the path in it and the exact optimum; beside the plan
+    `before` also that one's path, and what has changed.
     """
     region = here.regions[NETWORK]
-    passable = here.cost < 1.0
-    picture = np.where(passable[..., None], here.cost[..., None], _IMPASSABLE)
-    tint = _TINT * (passable & region.mask())[..., None]
-    start, goal = here.query
-    lines: list[tuple[str, Int32 | list[Cell], str, str, float]] = [
-        ("optimal path", here.optimum, "-", "#e0218a", 3.0),
-        ("path in the region", best_path(here.grid, here.query, region), "-", "#ffe100", 1.2),
-        ("start", [start], "s", "gold", 1.0),
-        ("goal", [goal], "*", "red", 1.0),
+    path = best_path(here.grid, here.query, region).path
+    lines = [
+        Drawn(path, PATH, 5.0, "path in the region"),
+        Drawn(here.optimum.path, OPTIMUM, 1.2, "exact optimum"),
     ]
+    tints = [Tint(region.mask(), 0.4, REGION, "region")]
     if before is not None:
-        lines.append(("path before", before.optimum, ":", "#b8b8b8", 1.2))
-    for row, col, patch in patches:
-        low = row + patch.shape[0]
-        right = col + patch.shape[1]
-        corners = [(row, col), (low, col), (low, right), (row, right), (row, col)]
-        lines.append(("changed", corners, "-", "#ff3b1f", 1.3))
-    curves = []
-    for label, cells, style, colour, width in lines:
-        rows, cols = np.reshape(cells, (-1, 2)).T
-        curves.append(Curve(cols, rows, style, label, colour, width))
-    return Panel(title, curves, image=picture * (1.0 - tint) + _CYAN * tint)
+        lines.insert(0, Drawn(before.optimum.path, GRID, 3.0, "path before"))
+        tints.append(Tint(here.cost != before.cost, 0.6, GOAL, "changed"))
+    picture = Chart(here.cost).picture(*here.query, lines=lines, tints=tints)
+    return Panel(title, (), image=picture[..., ::-1])  # from OpenCV's order of colours

@@ -4,51 +4,43 @@ planners.
 
 from collections.abc import Iterator
 from functools import partial
-from typing import TYPE_CHECKING
+from operator import methodcaller
 
 import numpy as np
 
-from nnpp_edge.outcome import outcome
 from nnpp_edge.profiling.contest import Harness
-from nnpp_edge.profiling.rows import Row, Rows
+from nnpp_edge.profiling.rows import Rows
 from nnpp_edge.reproduction import drawing, paper
 from nnpp_edge.reproduction.episode import STRIDE, Episode, Step, make_episode
 from nnpp_edge.reproduction.experiment import Context, Experiment
 from nnpp_edge.reproduction.findings import (
+    Figure,
     Finding,
     judge,
     judge_increase,
-    judge_speedup,
-    speedup,
+    judge_speedups,
     stated,
 )
 from nnpp_edge.reproduction.paper import ASTAR, ASTAR_NN, DSTAR, DSTAR_NN, DYNAMIC, STATIC
 from nnpp_edge.reproduction.planners import PLAIN, PLAIN_CONTROLS, PLAIN_NN, OneMap
 from nnpp_edge.reproduction.regions import CORRIDOR, NetworkPair
-from nnpp_edge.reproduction.table import seconds, written
-from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.reproduction.table import seconds
 from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
 from nnpp_edge.runtime.planners.plan import Plan
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 COMPILED = ("astar", "nnpp", "dstar", "nnpp-dstar", "corridor", "corridor-dstar")
 PLAIN_ASTARS = (PLAIN, PLAIN_NN, PLAIN_CONTROLS[CORRIDOR])
 PLANNERS = (*PLAIN_ASTARS, *COMPILED)
 LEAST_DISTANCE = 0.7
 """Between start and goal, as a share of the map's side: four plans or more at 256²."""
-PLAIN_OF = {ASTAR: PLAIN, ASTAR_NN: PLAIN_NN}
-OURS_OF = {ASTAR: "astar", ASTAR_NN: "nnpp", DSTAR: "dstar", DSTAR_NN: "nnpp-dstar"}
-"""For each of the paper's methods ours."""
 
 
 def find_episodes(context: Context, size: int, count: int) -> Iterator[tuple[int, Episode]]:
     """So many numbered episodes on crops of the terrain."""
     (size,) = context.fitting([size])
-    for number, case, query in context.maps([size], count, LEAST_DISTANCE):
+    for number, case in context.maps([size], count, LEAST_DISTANCE):
         seed = context.seed + number - 1
-        yield number, make_episode(case.cost, *query, seed, stride_on(size))
+        yield number, make_episode(case.cost, *case.queries[0], seed, stride_on(size))
 
 
 def stride_on(size: int) -> int:
@@ -66,20 +58,7 @@ def maps_of(episode: Episode, networks: NetworkPair) -> Iterator[OneMap]:
 
 def drive(episode: Episode, networks: NetworkPair, repeats: int) -> Rows:
     """Have all of `PLANNERS` make every plan of an episode; the median of `repeats` drives counts
-    for ours.
-    """
-    harness = Harness()
-    rows = Rows()
-    plans = zip(_ours(episode, networks.ours, repeats), maps_of(episode, networks), strict=True)
-    for at, (ours, here) in enumerate(plans):
-        plain = here.timed(PLAIN_ASTARS, 1, harness)
-        rows += [{"plan": at, **row} for row in (*plain, *ours)]
-    return rows
-
-
-def _ours(episode: Episode, model: NetworkModel, repeats: int) -> Iterator[list[Row]]:
-    """Rows of `COMPILED` for each plan. New planners go through the episode `repeats` times, after
-    once untimed.
+    for ours, after one that does not.
 
     A plan's time is the map's update, the network's view of it, and the plan with every widening
     and fallback. What depends on the first map alone is made before the clock starts.
@@ -88,26 +67,21 @@ def _ours(episode: Episode, model: NetworkModel, repeats: int) -> Iterator[list[
     for turn in range(repeats + 1):
         calls = {}
         for name in COMPILED:
-            planner = DynamicPlanner(episode.cost, episode.goal, name, model=model)
+            planner = DynamicPlanner(episode.cost, episode.goal, name, model=networks.ours)
             planner.prepare()
             calls[name] = partial(_replan, planner)
         drives.append(list(Harness(turn).measure(calls, episode.steps)))
-    for answers in zip(*drives, strict=True):
-        last = answers[-1]
-        optimum = last["astar"].results[0]
-        rows = []
+    harness = Harness()
+    rows = Rows()
+    plans = zip(maps_of(episode, networks), *drives, strict=True)
+    for at, (here, _, *answers) in enumerate(plans):
+        of_plan = here.plain(PLAIN_ASTARS, harness)
         for name in COMPILED:
-            plan = last[name].results[0]
-            row: Row = {
-                "planner": name,
-                "found": outcome(plan.cost, optimum.cost, source=plan.source)["found"],
-                "time_s": np.median([records[name].median_s for records in answers[1:]]),
-            }
-            if plan.ok:
-                row["cc"] = plan.traverse_cost
-                row["exact_cc"] = optimum.traverse_cost
-            rows.append(row)
-        yield rows
+            plan = answers[-1][name].results[0]
+            time_s = np.median([records[name].median_s for records in answers])
+            of_plan.append({**here.row(name, plan), "time_s": float(time_s)})
+        rows += [{"plan": at, **row} for row in of_plan]
+    return rows
 
 
 def _replan(planner: DynamicPlanner, step: Step) -> Plan:
@@ -125,54 +99,36 @@ def table3(context: Context, *, size: int, episodes: int, repeats: int) -> Rows:
     found = [episode for _, episode in find_episodes(context, size, episodes)]
     episode = min(found, key=lambda each: abs(len(each.steps) - frames))
     before = None
-    plans = zip(maps_of(episode, context.networks), episode.steps, strict=True)
-    for at, (here, step) in enumerate(plans):
-        context.scenes.append(drawing.scene(drawing.frame(at), here, before, step.patches))
+    for at, here in enumerate(maps_of(episode, context.networks)):
+        context.scenes.append(drawing.scene(drawing.frame(at), here, before))
         before = here
     return drive(episode, context.networks, repeats)
 
 
 def table3_findings(rows: Rows) -> Iterator[Finding]:
     """Findings on the rows of one episode, beside the paper's table."""
+    theirs = paper.TABLE_3
     for slow, fast in ((ASTAR, ASTAR_NN), (ASTAR, DSTAR), (DSTAR, DSTAR_NN)):
-        yield from _speedups(slow, fast, paper.TABLE_3, rows)
-    for method, ours in ((ASTAR_NN, PLAIN_NN), (DSTAR_NN, "nnpp-dstar")):
-        claim = f"CC increase of {_short(method)} ({written('planner', ours)})"
-        yield judge_increase(claim, paper.TABLE_3.increase(method), rows, ours)
-
-    def last_s(rows: Rows, planner: str) -> float:
-        return rows.of(planner).all("time_s")[-1]
-
-    nn_s = last_s(rows, "nnpp-dstar")
-    dstar_s = last_s(rows, "dstar")
+        yield from judge_speedups(slow, fast, theirs, rows)
+    yield judge_increase("A*NN (plain A*NN)", theirs.increase(ASTAR_NN), rows, PLAIN_NN)
+    yield judge_increase("D*NN (`nnpp-dstar`)", theirs.increase(DSTAR_NN), rows, "nnpp-dstar")
+    *their_s, nn_s, dstar_s = (
+        of.of(planner).all("time_s")[-1]
+        for of, planner in (
+            (theirs, DSTAR_NN),
+            (theirs, DSTAR),
+            (rows, "nnpp-dstar"),
+            (rows, "dstar"),
+        )
+    )
     yield stated(
         "near the goal, in the last frame, D*NN takes longer than D*",
-        f"{seconds(last_s(paper.TABLE_3, DSTAR_NN))} against "
-        f"{seconds(last_s(paper.TABLE_3, DSTAR))}",
+        " against ".join(map(seconds, their_s)),
         f"{seconds(nn_s)} against {seconds(dstar_s)}",
         "`nnpp-dstar` takes longer",
         holds=True,
         better=nn_s <= dstar_s,
     )
-
-
-def _short(method: str) -> str:
-    return method.removeprefix("paper's ")
-
-
-def _speedups(
-    slow: str,
-    fast: str,
-    theirs: Rows,
-    rows: Rows,
-    where: str = "",
-) -> Iterator[Finding]:
-    """One of the paper's methods over another, plain where we have both so, and compiled."""
-    gain = theirs.speedup(slow, fast)
-    for label, ours in (("plain", PLAIN_OF), ("ours", OURS_OF)):
-        if slow in ours and fast in ours:
-            claim = f"speed-up of {_short(fast)} over {_short(slow)}{where}, both {label}"
-            yield judge_speedup(claim, gain, rows, ours[slow], ours[fast])
 
 
 def table4(context: Context, *, size: int, maps: int, repeats: int) -> Rows:
@@ -196,17 +152,17 @@ def table4_findings(rows: Rows) -> Iterator[Finding]:
         (ASTAR_NN, DSTAR_NN, DYNAMIC),
     ):
         theirs = paper.TABLE_4.of(scene=scene)
-        yield from _speedups(slow, fast, theirs, rows.of(scene=scene), f", {scene}")
+        yield from judge_speedups(slow, fast, theirs, rows.of(scene=scene), f", {scene}")
     dynamic = rows.of(scene=DYNAMIC)
     gain = paper.TABLE_4.of(scene=DYNAMIC).speedup(DSTAR, ASTAR_NN)
     yield judge(
         "the network gains A* more than D* does: A*NN is faster than D*, dynamic, both ours",
         f"{gain:.2f}×",
         "`nnpp` takes less time than `dstar`",
-        speedup("dstar", "nnpp"),
+        Figure(methodcaller("speedup", "dstar", "nnpp"), "{:.3g}×".format),
         dynamic,
         "nnpp",
-        above=1.0,
+        least=1.0,
     )
     for what, method, ours, scene in (
         ("A*NN, static, plain", ASTAR_NN, PLAIN_NN, STATIC),
@@ -214,7 +170,7 @@ def table4_findings(rows: Rows) -> Iterator[Finding]:
         ("D*NN, dynamic, ours", DSTAR_NN, "nnpp-dstar", DYNAMIC),
     ):
         increase = paper.TABLE_4.of(scene=scene).increase(method)
-        yield judge_increase(f"CC increase of {what}", increase, rows.of(scene=scene), ours)
+        yield judge_increase(what, increase, rows.of(scene=scene), ours)
     later = Rows(row for row in dynamic if row["plan"])
     if not later:
         return
@@ -222,15 +178,11 @@ def table4_findings(rows: Rows) -> Iterator[Finding]:
         "D*NN repairs, and gains by it, dynamic (`nnpp-dstar`)",
         "yes",
         "faster than afresh, by the plans after the first",
-        speedup("nnpp", "nnpp-dstar"),
+        Figure(methodcaller("speedup", "nnpp", "nnpp-dstar"), "{:.3g}×".format),
         later,
         "nnpp-dstar",
-        above=1.0,
+        least=1.0,
     )
-
-
-def _table4_picture(rows: Rows) -> "Figure":
-    return drawing.by_planner(rows.by("scene"))
 
 
 EXPERIMENTS = {
@@ -242,7 +194,6 @@ EXPERIMENTS = {
         table3_findings,
         None,
         {"size": 256, "episodes": 12, "repeats": 5},
-        {"size": 128, "repeats": 1, "episodes": 3},
         paper.TABLE_3,
     ),
     "table4": Experiment(
@@ -251,9 +202,8 @@ EXPERIMENTS = {
         table4,
         ("scene", "planner"),
         table4_findings,
-        _table4_picture,
+        partial(drawing.by_planner, "scene"),
         {"size": 256, "maps": 5, "repeats": 5},
-        {"size": 128, "repeats": 1, "maps": 2},
         paper.TABLE_4,
         totals=True,
     ),

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nnpp_edge.runtime.arrays import Float2D, Int32
+from nnpp_edge.reproduction.regions import best_path, grid_of
+from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.terrain.obstacles import Obstacles, changed_parts
 
 STRIDE = 45
@@ -68,9 +68,9 @@ def make_episode(
     """
     base = np.ascontiguousarray(cost, np.float32)
     obstacles = Obstacles((base.shape[0], base.shape[1]), np.random.default_rng(seed))
-    path = _exact(base, start, goal)
+    path = best_path(grid_of(base), (start, goal)).path
     steps = [Step(start, ())]
-    if path is None:
+    if not len(path):
         raise InvalidQueryError(
             f"an episode needs a goal that can be reached, got {start} to {goal}"
         )
@@ -81,8 +81,9 @@ def make_episode(
         path = rest  # what is left of it, where no other scene leaves a way
         for _ in range(_TRIES):
             obstacles.next_scene(here, goal, rest)
-            found = _exact(obstacles.cover(base, (0, 0, *base.shape)), here, goal)
-            if found is not None:
+            covered = obstacles.cover(base, (0, 0, *base.shape))
+            found = best_path(grid_of(covered), (here, goal)).path
+            if len(found):
                 path = found
                 break
             obstacles.blocks = before
@@ -91,8 +92,3 @@ def make_episode(
             Step(here, tuple((*part[:2], obstacles.cover(base, part)) for part in changed))
         )
     return Episode(base, goal, tuple(steps))
-
-
-def _exact(cost: Float2D, start: Cell, goal: Cell) -> Int32 | None:
-    plan = Planner(cost).plan(start, goal, method="astar")
-    return plan.path if plan.ok else None

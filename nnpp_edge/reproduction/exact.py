@@ -9,11 +9,12 @@ import numpy as np
 from nnpp_edge.profiling.contest import Harness
 from nnpp_edge.profiling.plain_astar import build_graph, search
 from nnpp_edge.profiling.rows import Row, Rows
+from nnpp_edge.progress import with_unit
 from nnpp_edge.reproduction import drawing, paper
 from nnpp_edge.reproduction.experiment import Context, Experiment
 from nnpp_edge.reproduction.findings import Finding, stated
 from nnpp_edge.reproduction.planners import PLAIN
-from nnpp_edge.reproduction.table import percent, spread, times
+from nnpp_edge.reproduction.table import percent, spread
 from nnpp_edge.runtime.arrays import Float2D, Floats, in_blocks
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -26,7 +27,7 @@ from nnpp_edge.viz.figures import Curve, Panel, chart
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_OMEGA = f"{paper.OMEGA:.3f} ± {paper.OMEGA_DEVIATION:.3f}"
+_SWEPT = ("omega", "length", "cc", "time_s", "length_of_range", "cc_of_range")
 
 
 def table1(context: Context, *, sizes: Sequence[int], maps: int) -> Iterator[Row]:
@@ -35,25 +36,14 @@ def table1(context: Context, *, sizes: Sequence[int], maps: int) -> Iterator[Row
     """
     sizes = context.fitting(sizes)
     harness = Harness()
-    for number, case, query in context.maps([max(sizes)], maps):
+    for number, case in context.maps([max(sizes)], maps):
         for size in sizes:
-            cost, ends = _scaled(case.cost, query, size)
+            cost, ends = _scaled(case.cost, case.queries[0], size)
             graph_s, graph = harness.timed(partial(build_graph, cost))
             search_s, path = harness.timed(partial(search, graph, *ends))
             assert path is not None  # a cell is impassable only if all that it covers is
             row = paper.graph_row(size, PLAIN, graph_s, search_s, len(path))
             yield {"map": number, **row}
-
-
-def _table1_picture(rows: Rows) -> "Figure":
-    styles = {paper.ASTAR: "o--", PLAIN: "o-"}
-    title = "Mean time of a query, the graph included"
-    share = "Share of the graph in the time"
-    panels = [
-        drawing.by_size(rows, "time_s", styles, title, "seconds"),
-        drawing.by_size(rows, "graph_share", styles, share, ""),
-    ]
-    return chart([panels])
 
 
 def _scaled(cost: Float2D, query: Endpoints, size: int) -> tuple[Float2D, Endpoints]:
@@ -100,7 +90,7 @@ def table1_findings(rows: Rows) -> Iterator[Finding]:
     cells = (large / small) ** 2
     yield stated(
         f"time grows with the number of cells ({cells:.0f}× from {small}² to {large}²)",
-        times(grown(paper.TABLE_1)),
+        with_unit(grown(paper.TABLE_1), "x"),
         f"{grown(rows):.0f}× (plain A*)",
         "within a factor of 2 of the cells'",
         0.5 <= grown(rows) / cells <= 2.0,
@@ -116,21 +106,20 @@ def fig7(context: Context, *, maps: int, size: int, fine: int, coarse: int) -> I
     omegas = np.r_[up_to_005, np.linspace(0.05, paper.OMEGA_MOST, coarse + 1)[1:]]
     harness = Harness()
     workspace = Workspace((size + 2) ** 2)
-    for number, case, query in context.maps([size], maps):
-        swept = Rows()
+    for number, case in context.maps([size], maps):
+        swept = []
         for omega in omegas.tolist():
             grid = Grid.of(case.cost, StepModel.of("paper", omega))
-            time_s, found = harness.timed(partial(astar, grid, *query, workspace))
-            row: Row = {"map": number, "omega": omega}
-            row["length"] = grid.costs_of(found.path)[1]
+            time_s, found = harness.timed(partial(astar, grid, *case.queries[0], workspace))
+            _, length, _ = grid.costs_of(found.path)
             # by the map's own costs, as the grid's are all 0 at ω = 0
-            row["cc"] = float(case.cost[tuple(found.path.T)].sum(dtype=np.float64))
-            swept.append({**row, "time_s": time_s})
-        length = np.array(swept.all("length"))
-        cc = np.array(swept.all("cc"))
-        shares = zip(by_range(length).tolist(), by_range(cc).tolist(), strict=True)
-        for row, (of_length, of_cc) in zip(swept, shares, strict=True):
-            yield row | {"length_of_range": of_length, "cc_of_range": of_cc}
+            cc = float(case.cost[tuple(found.path.T)].sum(dtype=np.float64))
+            swept.append((omega, length, cc, time_s))
+        _, length, cc, _ = np.transpose(swept)
+        of_range = zip(swept, by_range(length).tolist(), by_range(cc).tolist(), strict=True)
+        for row, length_of_range, cc_of_range in of_range:
+            values = (*row, length_of_range, cc_of_range)
+            yield {"map": number, **dict(zip(_SWEPT, values, strict=True))}
         for how, normal in (("by range", by_range), ("by greatest", by_greatest)):
             best = best_omega(omegas, normal(length) + normal(cc))
             yield {"map": number, "normalised": how, "best_omega": best}
@@ -153,12 +142,6 @@ def best_omega(omegas: Floats, total: Floats) -> float:
     return float(omegas[least[len(least) // 2]])
 
 
-def _best(rows: Rows) -> dict[str, list[float]]:
-    """The best ω of each map, by how length and CC are normalised."""
-    normalised = rows.having("normalised").by("normalised")
-    return {how: of.all("best_omega") for how, of in normalised.items()}
-
-
 def _curves(rows: Rows) -> Floats:
     """(4, N): the values of ω, mean length and CC by range, and the median time at each."""
     return np.transpose(
@@ -171,13 +154,14 @@ def _curves(rows: Rows) -> Floats:
 
 def fig7_findings(rows: Rows) -> Iterator[Finding]:
     """Findings on the means at each ω, the median time there, and each map's best ω."""
-    for how, found in _best(rows).items():
+    for how, of in rows.having("normalised").by("normalised").items():
+        best = of.all("best_omega")
         yield stated(
             f"best ω per grey level, LEN and CC normalised {how}",
-            _OMEGA,
-            spread(found, 4),
+            f"{paper.OMEGA:.3f} ± {paper.OMEGA_DEVIATION:.3f}",
+            spread(best, 4),
             "our mean lies within the paper's deviation",
-            abs(np.mean(found) - paper.OMEGA) <= paper.OMEGA_DEVIATION,
+            abs(np.mean(best) - paper.OMEGA) <= paper.OMEGA_DEVIATION,
         )
     omegas, length, cc, typical_s = _curves(rows)
     middle = int(np.argmin(length + cc))
@@ -210,21 +194,14 @@ def fig7_findings(rows: Rows) -> Iterator[Finding]:
 
 
 def _fig7_picture(rows: Rows) -> "Figure":
-    """Mean length and CC and the median time at each ω, and each map's best ω."""
+    """Mean length and CC and the median time at each ω."""
     omegas, length, cc, typical_s = _curves(rows)
+    sums = {"LEN": length, "CC": cc, "LEN + CC": length + cc}
+    curves = [Curve(omegas, values, "-", name) for name, values in sums.items()]
     x = "ω per grey level"
-    both = [Curve(omegas, length, "-", "LEN"), Curve(omegas, cc, "-", "CC")]
-    both.append(Curve(omegas, length + cc, "-", "LEN + CC"))
-    best = [
-        Curve(sorted(found), range(1, len(found) + 1), "-", f"{how}: {spread(found, 4)}")
-        for how, found in _best(rows).items()
-    ]
-    ends = (paper.OMEGA - paper.OMEGA_DEVIATION, paper.OMEGA + paper.OMEGA_DEVIATION)
-    paper_s = Curve(ends, (0.0, 0.0), "|-", f"paper: {_OMEGA}", drawing.PAPER)
     panels = [
-        Panel("LEN and CC, normalised by range", both, x),
+        Panel("LEN and CC, normalised by range", curves, x),
         Panel("Time of exact A*", [Curve(omegas, typical_s, "-")], x, "seconds"),
-        Panel("Maps whose best ω is no greater", [*best, paper_s], x),
     ]
     return chart([panels])
 
@@ -236,9 +213,14 @@ EXPERIMENTS = {
         table1,
         ("size", "planner"),
         table1_findings,
-        _table1_picture,
+        partial(
+            drawing.by_size,
+            {
+                "time_s": ("Mean time of a query, the graph included", "seconds"),
+                "graph_share": ("Share of the graph in the time", ""),
+            },
+        ),
         {"sizes": (64, 128, 256, 512, 1024), "maps": 5},
-        {"sizes": (64, 128, 256), "maps": 1},
         paper.TABLE_1,
         networks=(),
     ),
@@ -250,7 +232,6 @@ EXPERIMENTS = {
         fig7_findings,
         _fig7_picture,
         {"maps": paper.OMEGA_MAPS, "size": 256, "fine": 50, "coarse": 30},
-        {"maps": 8, "fine": 25},
         networks=(),
     ),
 }

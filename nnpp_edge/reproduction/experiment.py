@@ -9,7 +9,6 @@ from nnpp_edge.profiling.suites import LEAST_DISTANCE, Case, solvable, terrain_c
 from nnpp_edge.progress import THOUSANDTHS
 from nnpp_edge.reproduction.findings import Finding
 from nnpp_edge.reproduction.regions import NetworkPair
-from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.workloads import SOFT
@@ -57,23 +56,24 @@ class Context:
         return fitting
 
     def maps(
-        self, sizes: Sequence[int], count: int, least_distance: float = LEAST_DISTANCE
-    ) -> Iterator[tuple[int, Case, Endpoints]]:
-        """For each size the numbers from 1 to `count`, each with a random crop and a query on it
-        that has a path, of the paper's cost without hard limits. Progress is reported by the area
-        done.
+        self,
+        sizes: Sequence[int],
+        count: int,
+        least_distance: float = LEAST_DISTANCE,
+        queries: int = 1,
+    ) -> Iterator[tuple[int, Case]]:
+        """For each size the numbers from 1 to `count`, each with a random crop and so many queries
+        on it that have a path, of the paper's cost without hard limits.
 
         InvalidQueryError if too few crops have a path.
         """
-        area = count * sum(size**2 for size in sizes)
         done = 0
         for size in sizes:
-            fitting = [dem for dem in self.terrain if min(dem.shape) >= size]
-            cases = terrain_cases(fitting, SOFT, size, self.seed, least_distance)
-            for number, (case, (query,)) in enumerate(solvable(cases, count, most=1), 1):
-                yield number, case, query
-                done += size**2
-                self.advance(THOUSANDTHS * done // area)
+            cases = terrain_cases(self.terrain, SOFT, size, self.seed, least_distance)
+            for number, case in enumerate(solvable(cases, count * queries, queries), 1):
+                yield number, case
+                done += 1
+                self.advance(THOUSANDTHS * done // (count * len(sizes)))
 
 
 @dataclass(frozen=True)
@@ -92,12 +92,10 @@ class Experiment:
     picture: Callable[[Rows], "Figure"] | None
     """Of the rows, the paper's among them; None where maps are drawn."""
     settings: Mapping[str, object]
-    quick: Mapping[str, object]
-    """Settings of a quick run, where they differ from a full one's."""
     theirs: Sequence[Row] = ()
     """The paper's rows."""
     networks: tuple[str, ...] = BOTH
-    """Those that take part: a change of another network does not repeat the experiment."""
+    """Those that take part."""
     totals: bool = False
     """Whether the table has sums in place of means."""
 

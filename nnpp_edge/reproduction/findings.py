@@ -1,16 +1,19 @@
 """The paper's claims beside the measured figures, judged by plain rules."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import partial
+from operator import methodcaller
 from typing import NamedTuple
 
 import numpy as np
 
+from nnpp_edge.profiling.intervals import Interval
 from nnpp_edge.profiling.rows import Rows
-from nnpp_edge.reproduction.planners import CONTROLS_OF
+from nnpp_edge.reproduction.paper import ASTAR, ASTAR_NN, DSTAR, DSTAR_NN
+from nnpp_edge.reproduction.planners import CONTROLS_OF, PLAIN, PLAIN_NN
 from nnpp_edge.reproduction.table import percent
 
 
@@ -46,7 +49,13 @@ class Finding:
 ENOUGH = 100
 """Queries from which on a verdict needs no interval."""
 SAMPLES = 200
+OURS_OF = {
+    "plain": {ASTAR: PLAIN, ASTAR_NN: PLAIN_NN},
+    "ours": {ASTAR: "astar", ASTAR_NN: "nnpp", DSTAR: "dstar", DSTAR_NN: "nnpp-dstar"},
+}
+"""In place of each of the paper's methods, in plain Python and compiled."""
 _PLACE = ("scene", "size")
+_QUERY = ("map", "goal")
 ONE_POINT = 0.01
 WITHIN = "within one point"
 
@@ -56,16 +65,6 @@ class Figure(NamedTuple):
 
     of: Callable[[Rows], float]
     written: Callable[[float], str]
-
-
-def speedup(slow: str, fast: str) -> Figure:
-    """Of one planner over another."""
-    return Figure(lambda rows: rows.speedup(slow, fast), "{:.3g}×".format)
-
-
-def increase(planner: str) -> Figure:
-    """Share by which a planner's CC exceeds the optimum."""
-    return Figure(lambda rows: rows.increase(planner), partial(percent, digits=2))
 
 
 def mean(name: str, planner: str, **values: object) -> Figure:
@@ -91,8 +90,6 @@ def judge(
     *,
     least: float = -math.inf,
     most: float = math.inf,
-    above: float = -math.inf,
-    below: float = math.inf,
     better_from: float = math.inf,
     better_to: float = -math.inf,
     also: Callable[[Rows], bool] = bool,
@@ -101,24 +98,22 @@ def judge(
     """A finding: whether a figure lies within limits, and with which controls in place of the
     planner's network it does as well, where they are as good in what is `also` asked.
 
-    Of few queries it is said whether they are enough: samples of them, drawn with replacement, must
-    nearly all give the same verdict. What is `ours` is the figure, with the interval of the
-    samples, where no other words are given.
+    Of few queries it is said whether they are enough, by samples that are drawn with replacement.
+    What is `ours` is the figure, with the interval of the samples, where no other words are given.
     """
+    value = figure.of(rows)
+    found = Interval(value, value, value)
+    said = figure.written(value)
+    if drawn := drawn_anew(rows):
+        found = Interval.of(value, [figure.of(each) for each in drawn])
+        said += f" ({figure.written(found.low)} to {figure.written(found.high)})"
 
     def holds(rows: Rows) -> bool:
-        value = figure.of(rows)
-        return least <= value <= most and above < value < below and also(rows)
+        return least <= figure.of(rows) <= most and also(rows)
 
-    drawn = drawn_anew(rows)
-    if not ours:
-        ours = figure.written(figure.of(rows))
-        if drawn:
-            low, high = np.nanquantile([figure.of(each) for each in drawn], (0.025, 0.975))
-            ours += f" ({figure.written(low)} to {figure.written(high)})"
-    better = not better_to < figure.of(rows) < better_from
-    finding = stated(claim, paper, ours, rule, holds(rows), better=better)
-    if drawn and 0.025 < np.mean([holds(each) for each in drawn]) < 0.975:
+    better = not better_to < value < better_from
+    finding = stated(claim, paper, ours or said, rule, holds(rows), better=better)
+    if drawn and found.within(least, most) is None:
         return replace(finding, verdict=Verdict.TOO_FEW)
     if finding.verdict is Verdict.DIFFERS:
         return finding
@@ -131,20 +126,19 @@ def drawn_anew(rows: Rows) -> list[Rows]:
     """Samples of the queries, as many of each scene and size, with replacement; none where one has
     so many that a verdict does not hang on a few, or all have one.
     """
-    places = [list(of.groups(("map", "goal")).values()) for of in rows.groups(_PLACE).values()]
-    counts = [len(queries) for queries in places]
-    if not 1 < max(counts, default=0) < ENOUGH:
+    places = [list(of.groups(_QUERY).values()) for of in rows.groups(_PLACE).values()]
+    most = max(map(len, places), default=0)
+    if not 1 < most < ENOUGH:
         return []
     rng = np.random.default_rng(1)
-    return [
-        Rows(
-            row
-            for queries in places
-            for at in rng.integers(len(queries), size=len(queries))
-            for row in queries[at]
-        )
-        for _ in range(SAMPLES)
-    ]
+    samples = []
+    for _ in range(SAMPLES):
+        sample = Rows()
+        for queries in places:
+            for at in rng.integers(len(queries), size=len(queries)):
+                sample += queries[at]
+        samples.append(sample)
+    return samples
 
 
 def with_control(rows: Rows, kind: str) -> Rows:
@@ -156,33 +150,52 @@ def with_control(rows: Rows, kind: str) -> Rows:
     return swapped
 
 
-def judge_speedup(
-    claim: str, theirs: float, rows: Rows, slow: str, fast: str, *, near: bool = False
-) -> Finding:
-    """A finding on the speed-up of one planner over another: theirs within 25 %, or more.
-
-    With `near` a control counts where its CC increase is no more than a point above the network's.
+def pairs(slow: str, fast: str) -> Iterator[tuple[str, str, str]]:
+    """Two of the paper's methods in words, and ours in their place: plain where we have both so,
+    and compiled.
     """
-    most = rows.increase(fast) + 0.01
-    return judge(
-        claim,
-        f"{theirs:.1f}×",
-        "within 25 % of the paper's",
-        speedup(slow, fast),
-        rows,
-        fast,
-        least=0.75 * theirs,
-        better_from=1.25 * theirs,
-        also=lambda rows: not near or rows.increase(fast) <= most,
-    )
+    over = f"{fast} over {slow}".replace("paper's ", "")
+    for label, ours in OURS_OF.items():
+        if {slow, fast} <= ours.keys():
+            yield f"{over}, both {label}", ours[slow], ours[fast]
+
+
+def judge_speedups(
+    slow: str, fast: str, theirs: Rows, rows: Rows, where: str = ""
+) -> Iterator[Finding]:
+    """Findings on the speed-up of one of the paper's methods over another: theirs within 25 %, or
+    more. A control counts where its CC increase is no more than a point above the network's.
+    """
+    gain = theirs.speedup(slow, fast)
+    for words, exact, network in pairs(slow, fast):
+        yield judge(
+            f"speed-up of {words}{where}",
+            f"{gain:.1f}×",
+            "within 25 % of the paper's",
+            Figure(methodcaller("speedup", exact, network), "{:.3g}×".format),
+            rows,
+            network,
+            least=0.75 * gain,
+            better_from=1.25 * gain,
+            also=partial(_no_dearer, network, rows.increase(network) + ONE_POINT),
+        )
+
+
+def _no_dearer(planner: str, most: float, rows: Rows) -> bool:
+    return rows.increase(planner) <= most
 
 
 def judge_increase(claim: str, theirs: float, rows: Rows, planner: str) -> Finding:
     """A finding on the share by which a planner's CC exceeds the optimum: theirs within one point,
     or less.
     """
-    most = theirs + ONE_POINT
-    least = theirs - ONE_POINT
-    figure = increase(planner)
-    paper = percent(theirs)
-    return judge(claim, paper, WITHIN, figure, rows, planner, most=most, better_to=least)
+    return judge(
+        f"CC increase of {claim}",
+        percent(theirs),
+        WITHIN,
+        Figure(methodcaller("increase", planner), partial(percent, digits=2)),
+        rows,
+        planner,
+        most=theirs + ONE_POINT,
+        better_to=theirs - ONE_POINT,
+    )

@@ -2,31 +2,23 @@
 
 import math
 from collections.abc import Iterator
+from itertools import chain
 
 from nnpp_edge.profiling.rows import Rows
-from nnpp_edge.profiling.suites import LEAST_DISTANCE, Case
+from nnpp_edge.profiling.suites import LEAST_DISTANCE, QUERIES_PER_MAP, Case
 from nnpp_edge.reproduction import drawing
 from nnpp_edge.reproduction.experiment import BOTH, Context, Experiment
 from nnpp_edge.reproduction.findings import Figure, Finding, judge, mean
 from nnpp_edge.reproduction.planners import OneMap
-from nnpp_edge.reproduction.regions import NETWORK
+from nnpp_edge.reproduction.regions import NETWORK, best_path, grid_of
 from nnpp_edge.reproduction.table import percent
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.terrain.obstacles import covered
 
-_FRAMES = 5
-"""From T to T + 4Δt (the paper's)."""
-_LENGTH = 1 / 4
-_DEPTH = 1 / 12
-_STEP = 1 / 10
-"""Of an obstacle, as shares of the map's side: along the rows, across them, and its way between two
-frames.
-"""
-_WHERE = (0.35, 0.65)
-"""Where obstacles cross the optimal path half-way through the frames, as shares of the path."""
+_FRAMES = range(-2, 3)
+"""From T to T + 4Δt (the paper's); obstacles cross the optimal path at the middle one."""
 _MAPS = 40
 """Maps that are tried for one on which the goals can be reached and the obstacles leave a way."""
 
@@ -36,8 +28,9 @@ def fig14(context: Context, *, size: int, goals: int) -> Rows:
     them.
     """
     (size,) = context.fitting([size])
-    for _, case, (start, goal) in context.maps([size], _MAPS):
-        ends = _goals(case, start, goal)[:goals]
+    for _, case in context.maps([size], _MAPS, queries=QUERIES_PER_MAP):
+        start, goal = case.queries[0]
+        ends = _goals(case)[:goals]
         moving = _moving(case.cost, start, goal)
         if len(ends) == goals and moving:
             break
@@ -58,51 +51,47 @@ def fig14(context: Context, *, size: int, goals: int) -> Rows:
             of_first = first.regions[row["planner"]].blocks()
             common = (blocks & of_first).sum() / (blocks | of_first).sum()
             rows.append({"part": part, "scene": name, **row, "common": float(common)})
-        excess = percent(found.of(NETWORK).mean("excess"), 2)
+        excess = percent(found.of(NETWORK).mean("gap"), 2)
         context.scenes.append(drawing.scene(f"{name}: {excess} above the optimum", here))
     return rows
 
 
-def _goals(case: Case, start: Cell, goal: Cell) -> list[Cell]:
-    """The goal, and ends of the map's other queries that are far from the start and can be
+def _goals(case: Case) -> list[Cell]:
+    """The first query's goal, and ends of the others that are far from its start and can be
     reached.
     """
-    planner = Planner(case.cost)
-    least = LEAST_DISTANCE * len(case.cost)
-    ends = dict.fromkeys([goal, *(end for query in case.queries for end in query)])
-    return [
-        end
-        for end in ends
-        if math.dist(start, end) >= least and planner.plan(start, end, method="astar").ok
-    ]
+    start, goal = case.queries[0]
+    least = LEAST_DISTANCE * case.size
+    ends = dict.fromkeys([goal, *chain.from_iterable(case.queries)])
+    far = [end for end in ends if math.dist(start, end) >= least]
+    grid = grid_of(case.cost)
+    return [end for end in far if len(best_path(grid, (start, end)).path)]
 
 
 def _moving(cost: Float2D, start: Cell, goal: Cell) -> list[Float2D]:
-    """The map at each frame; none if an obstacle would cover start or goal, or leave no way."""
+    """The map at each frame, two obstacles on it that pass each other, a quarter of the map long;
+    none if one would cover start or goal, or leave no way.
+    """
     size = len(cost)
-    way = Planner(cost).plan(start, goal, method="astar").path
-    upper, lower = sorted(way[int(share * len(way))].tolist() for share in _WHERE)
-    length = int(_LENGTH * size)
-    depth = max(int(_DEPTH * size), 2)
+    depth = max(size // 12, 2)
+    way = best_path(grid_of(cost), (start, goal)).path
+    upper, lower = sorted(way[len(way) * percent // 100].tolist() for percent in (35, 65))
     costs = []
-    for at in range(_FRAMES):
-        moved = int((at - _FRAMES // 2) * _STEP * size)
-        obstacles = [
-            (max(row - depth // 2, 0), col - length // 2, depth, length)
-            for row, col in ((upper[0], upper[1] - moved), (lower[0], lower[1] + moved))
-        ]
-        changed = covered(cost, (0, 0, size, size), obstacles)
-        if not Planner(changed).plan(start, goal, method="astar").ok:
-            return []
-        costs.append(changed)
-    return costs
+    for at in _FRAMES:
+        moved = at * size // 10
+        corners = ((upper[0], upper[1] - moved), (lower[0], lower[1] + moved))
+        obstacles = [(row - depth // 2, col - size // 8, depth, size // 4) for row, col in corners]
+        costs.append(covered(cost, (0, 0, size, size), obstacles))
+    if all(len(best_path(grid_of(changed), (start, goal)).path) for changed in costs):
+        return costs
+    return []
 
 
 def fig14_findings(rows: Rows) -> Iterator[Finding]:
     """Findings on the rows of both parts: goals, and frames with obstacles."""
     for part, what in (("goals", "goal"), ("obstacles", "frame")):
         own = rows.of(NETWORK, part=part)
-        excess = percent(max(own.all("excess"), default=math.nan), 2)
+        excess = percent(max(own.all("gap"), default=math.nan), 2)
         yield judge(
             f"a good path in the region for every {what}",
             "yes (pictures)",
@@ -128,7 +117,7 @@ def fig14_findings(rows: Rows) -> Iterator[Finding]:
 
 def _greatest_excess(rows: Rows) -> float:
     """Inf where a path is missing."""
-    return max(float(row.get("excess", math.inf)) for row in rows.of(NETWORK))
+    return max(float(row.get("gap", math.inf)) for row in rows.of(NETWORK))
 
 
 EXPERIMENTS = {
@@ -140,7 +129,6 @@ EXPERIMENTS = {
         fig14_findings,
         None,
         {"size": 256, "goals": 5},
-        {"size": 128, "goals": 3},
         networks=BOTH[:1],
     ),
 }

@@ -2,28 +2,37 @@
 answer to a query.
 """
 
-from collections.abc import Callable, Sequence
+import time
+from collections.abc import Iterable
 from functools import partial
 
 import numpy as np
 
-from nnpp_edge.outcome import outcome
-from nnpp_edge.profiling.contest import Harness
+from nnpp_edge.profiling.contest import Answer, Harness, beside, priced
 from nnpp_edge.profiling.plain_astar import build_graph, search
+from nnpp_edge.profiling.rivals import RivalPlanner
 from nnpp_edge.profiling.rows import Row, Rows
 from nnpp_edge.reproduction.regions import (
+    BAND,
     CONTROLS,
     CORRIDOR,
     NETWORK,
+    SHUFFLED,
     NetworkPair,
-    PaperRegions,
     best_path,
+    grid_of,
+    nearest_blocks,
+    shuffled,
 )
-from nnpp_edge.runtime.arrays import Float2D, Int32
+from nnpp_edge.runtime.arrays import Bool, Float2D
 from nnpp_edge.runtime.cells import Cell, Endpoints
-from nnpp_edge.runtime.planners.plan import Plan, Source
+from nnpp_edge.runtime.kernels.threshold import lowered
+from nnpp_edge.runtime.network.encoding import Frame
+from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.planners.planner import Planner
+from nnpp_edge.runtime.region.learned import RegionFinder
 from nnpp_edge.runtime.search.region import Region
+from nnpp_edge.terrain.shards import planes_of
 
 PLAIN = "plain A*"
 PLAIN_NN = "plain A*NN"
@@ -48,93 +57,117 @@ CONTROLS_OF = {
 
 
 class OneMap:
-    """A map with one query: its optimum, its regions, and rows for answers to the query."""
+    """A map with one query: its optimum, its regions, and rows for answers to the query.
+
+    The network's region is by the paper's rule, to the letter (NNPP, section 4.3 and Fig. 10): the
+    map is averaged to the network's size. td is the greatest threshold at which start and goal lie
+    in one piece of {p >= td}, where blocks that touch are one piece; the region is all of
+    {p >= factor · td}, by the factor in the model's metadata. The network is run once, and nothing
+    is widened or narrowed. Its controls are of as many blocks.
+    """
 
     def __init__(self, cost: Float2D, query: Endpoints, networks: NetworkPair) -> None:
         self.cost = cost
         self.query = query
         self.networks = networks
-        self.maker = PaperRegions(cost, networks.paper)
-        self.grid = self.maker.grid
+        self.grid = grid_of(cost)
         self.optimum = best_path(self.grid, query)
-        region = self.maker.find(query)
-        self._count = int(region.blocks().sum())
-        self.regions = {NETWORK: region, **{kind: self._control(kind) for kind in CONTROLS}}
+        facts = networks.paper.metadata
+        self._frame = Frame(*self.grid.shape, facts.input_size)
+        self._factor = facts.region_factor
+        self._side = facts.blocks
+        self.lookup = self._frame.lookup(self._side)
+        self.finder = RegionFinder(self._side)
+        row_block, col_block = self.lookup
+        self._ends = [(int(row_block[row]), int(col_block[col])) for row, col in query]
+        self._models = {
+            NETWORK: networks.paper.share(),
+            SHUFFLED: shuffled(networks.paper.path).share(),
+        }
+        self._inference_s = dict[str, float]()
+        self._count = 0
+        self.regions = {kind: self.region(kind) for kind in (NETWORK, *CONTROLS)}
         """The network's and the controls', by their names."""
 
-    def _control(self, kind: str) -> Region:
-        return self.maker.control(kind, self.query, self._count)
+    def region(self, kind: str) -> Region:
+        """The network's region or that of a control, made anew."""
+        if kind in self._models:
+            blocks = self._by_network(kind)
+        else:
+            line = self._ends if kind == BAND else self._coarse_path()
+            blocks = nearest_blocks(line, self._count, self._side)
+        if kind == NETWORK:
+            self._count = int(blocks.sum())
+        return Region(np.pad(blocks, (0, 1)).astype(np.int32), *self.lookup, 1)
 
-    def row(
-        self,
-        planner: str,
-        path: Int32 | list[Cell],
-        region: Region | None = None,
-        source: Source | None = Source.REGION,
-    ) -> Row:
-        """Figures of a path found in this region or on the whole map."""
+    def _by_network(self, kind: str) -> Bool:
+        """The blocks at the factor on td."""
+        model = self._models[kind]
+        model.set_map(planes_of(self.grid, self._frame))
+        start, goal = map(self._frame.place, self.query)
+        began = time.perf_counter()
+        probability = model.answer(start, goal, anew=True)
+        self._inference_s[kind] = time.perf_counter() - began
+        self.finder.read(probability)
+        td = self.finder.threshold(*self._ends)
+        blocks: Bool = self.finder.levels >= min(td, lowered(td, self._factor))
+        return blocks
+
+    def _coarse_path(self) -> list[Cell]:
+        """The cheapest path over the map averaged to blocks; start and goal where there is none."""
+        cost, blocked = planes_of(self.grid, Frame(*self.grid.shape, self._side))
+        passable = np.where(blocked < 1.0, np.minimum(cost, np.float32(0.999)), np.float32(np.inf))
+        return search(build_graph(passable), *self._ends) or self._ends
+
+    def row(self, planner: str, found: Answer | Plan) -> Row:
+        """Figures of an answer."""
         start, goal = self.query
-        least_cost, _, exact_cc = self.grid.costs_of(self.optimum)
-        cost, _, cc = self.grid.costs_of(np.reshape(path, (-1, 2)).astype(np.int32))
-        of = outcome(cost, least_cost, len(self.optimum), region, source)
-        row: Row = {
-            "planner": planner,
-            "start": "{},{}".format(*start),
-            "goal": "{},{}".format(*goal),
-            "path_cells": len(self.optimum),
-            "found": of.pop("found"),
-        }
-        if "gap" in of:
-            row |= {"cc": cc, "exact_cc": exact_cc, "excess": of.pop("gap")}
-        return row | of
+        place = {"start": "{},{}".format(*start), "goal": "{},{}".format(*goal)}
+        cells = len(self.optimum.path)
+        return {"planner": planner, **place, "path_cells": cells, **beside(found, self.optimum)}
 
     def searched(self, names: dict[str, str]) -> Rows:
         """Figures of compiled searches in regions, under these names by the regions' kinds."""
         rows = Rows()
         for kind, name in names.items():
-            region = self.regions[kind]
-            rows.append(self.row(name, best_path(self.grid, self.query, region), region))
+            rows.append(self.row(name, best_path(self.grid, self.query, self.regions[kind])))
         return rows
 
     def untimed(self) -> Rows:
         """The paper's method and its controls, by compiled searches."""
         return Rows([self.row(PLAIN, self.optimum), *self.searched(PLAIN_KINDS)])
 
-    def timed(self, planners: Sequence[str], repeats: int, harness: Harness) -> Rows:
-        """Planners of `PLANNERS` in turns: ours `repeats` times, whose median time counts, plain
-        Python once.
-        """
-        ours = Planner(self.cost, model=self.networks.ours, ask_from=0)
+    def plain(self, names: Iterable[str], harness: Harness) -> Rows:
+        """Planners of `PLAIN_PLANNERS` in turns, once each."""
         kinds = {name: kind for kind, name in PLAIN_KINDS.items()}
-        calls: dict[str, Callable[[Endpoints], Plan | list[Cell] | None]] = {}
-        for name in planners:
-            calls[name] = partial(self._plain, kinds.get(name))
-            if name in OURS:
-                calls[name] = partial(_plan, ours, name)
-                calls[name](self.query)  # the map's own work, and warm caches
-        (records,) = harness.measure(calls, [self.query], repeats=repeats, once=PLAIN_PLANNERS)
+        calls = {name: partial(self._plain, kinds.get(name)) for name in names}
+        (records,) = harness.measure(calls, [self.query])
         rows = Rows()
         for name, record in records.items():
-            answer = record.results[-1]
-            if isinstance(answer, Plan):
-                region = ours.plan(*self.query, method=name, keep_regions=True).region
-                row = self.row(name, answer.path, region, answer.source)
-            else:
-                row = self.row(name, answer or [], self.regions.get(kinds.get(name, "")))
+            region = self.regions.get(kinds.get(name, ""))
+            path = np.array(record.results[0] or np.empty((0, 2)), np.int32)
+            row = self.row(name, priced(self.grid, path, region))
             row["time_s"] = record.median_s
             if name == PLAIN_NN:
-                row["inference_s"] = self.maker.inference_s
+                row["inference_s"] = self._inference_s[NETWORK]
             rows.append(row)
+        return rows
+
+    def ours(self, repeats: int, harness: Harness) -> Rows:
+        """The planners `OURS` in turns, `repeats` times, whose median time counts."""
+        planner = Planner(self.cost, model=self.networks.ours, ask_from=0)
+        rivals = [RivalPlanner(name, Method(name)) for name in OURS]
+        calls = {rival.name: partial(rival.plan, planner) for rival in rivals}
+        for call in calls.values():
+            call(self.query)  # the map's own work, and warm caches
+        (records,) = harness.measure(calls, [self.query], repeats=repeats)
+        rows = Rows()
+        for name, record in records.items():
+            plan = calls[name](self.query, keep_regions=True)
+            rows.append({**self.row(name, plan), "time_s": record.median_s})
         return rows
 
     def _plain(self, kind: str | None, query: Endpoints) -> list[Cell] | None:
         """Plain A* over the map's graph, or over that of a region, which is made anew."""
-        inside = None
-        if kind is not None:
-            region = self.maker.find(query) if kind == NETWORK else self._control(kind)
-            inside = region.mask()
+        inside = None if kind is None else self.region(kind).mask()
         return search(build_graph(self.cost, inside), *query)
-
-
-def _plan(planner: Planner, method: str, query: Endpoints) -> Plan:
-    return planner.plan(*query, method=method)

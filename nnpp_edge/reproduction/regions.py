@@ -1,12 +1,8 @@
-"""The paper's region, to the letter, and its controls: regions of the same area that no network
-made.
-
-A region is a set of blocks of the map, as many to a side as the network's answer has.
+"""What the regions of the paper's experiments are made with: sets of blocks of the map, as many to
+a side as the network's answer has.
 """
 
 import functools
-import math
-import time
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -15,19 +11,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from nnpp_edge.profiling.plain_astar import build_graph, search
-from nnpp_edge.runtime.arrays import Bool, Float2D, Int32
+from nnpp_edge.profiling.contest import Answer, priced
+from nnpp_edge.runtime.arrays import Bool, Float2D
 from nnpp_edge.runtime.cells import Cell, Endpoints
-from nnpp_edge.runtime.kernels.threshold import lowered
 from nnpp_edge.runtime.map.grid import Grid
-from nnpp_edge.runtime.network.encoding import Frame
 from nnpp_edge.runtime.network.inference import NetworkModel
-from nnpp_edge.runtime.region.learned import RegionFinder
 from nnpp_edge.runtime.search.astar import astar
 from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.terrain.step_cost import StepModel
-from nnpp_edge.terrain.shards import planes_of
 
 NETWORK = "network"
 CORRIDOR = "corridor"
@@ -45,89 +37,36 @@ class NetworkPair(NamedTuple):
     """Of this toolkit's ``nnpp``."""
 
 
-class PaperRegions:
-    """Regions of one network on one map, by the paper's rule (NNPP, section 4.3 and Fig. 10).
-
-    The map is averaged to the network's size, once for each query. td is the greatest threshold at
-    which start and goal lie in one piece of {p >= td}, where blocks that touch are one piece; the
-    region is all of {p >= factor · td}, by the factor in the model's metadata. The network is run
-    once for a query, and nothing is widened or narrowed.
+def nearest_blocks(line: Sequence[Cell], count: int, side: int) -> Bool:
+    """Which blocks of (B, B) are the `count` nearest to a line through blocks; all of the line in
+    any case.
     """
-
-    def __init__(self, cost: Float2D, model: NetworkModel) -> None:
-        self.cost = cost
-        self.model = model.share()
-        self.side = model.metadata.blocks
-        self.grid = Grid.of(cost, StepModel.of("paper"))
-        self.frame = Frame(*self.grid.shape, model.metadata.input_size)
-        self.lookup = self.frame.lookup(self.side)
-        self.finder = RegionFinder(self.side)
-        self.inference_s = math.nan
-        """Of the last query."""
-
-    def find(self, query: Endpoints) -> Region:
-        """The region at the model's factor on td."""
-        start, goal = query
-        self.model.set_map(planes_of(self.grid, self.frame))
-        ends = self.frame.place(start), self.frame.place(goal)
-        began = time.perf_counter()
-        probability = self.model.answer(*ends, anew=True)
-        self.inference_s = time.perf_counter() - began
-        self.finder.read(probability)
-        td = self.finder.threshold(*self._blocks(query))
-        threshold = min(td, lowered(td, self.model.metadata.region_factor))
-        return self._region(self.finder.levels >= threshold)
-
-    def control(self, kind: str, query: Endpoints, count: int) -> Region:
-        """The region of one of `CONTROLS`, of `count` blocks where no network decides."""
-        if kind == SHUFFLED:
-            return self.shuffled.find(query)
-        line = self._blocks(query) if kind == BAND else self._coarse_path(query)
-        return self._nearest_blocks(line, count)
-
-    @functools.cached_property
-    def shuffled(self) -> "PaperRegions":
-        """Regions of the network with shuffled weights on the same map."""
-        return PaperRegions(self.cost, shuffled(self.model.path))
-
-    def _blocks(self, cells: Sequence[Cell]) -> list[Cell]:
-        """The blocks that cells lie in."""
-        row_block, col_block = self.lookup
-        return [(int(row_block[row]), int(col_block[col])) for row, col in cells]
-
-    def _region(self, blocks: Bool) -> Region:
-        """The region of some of the blocks, (B, B) bool."""
-        return Region(np.pad(blocks, (0, 1)).astype(np.int32), *self.lookup, 1)
-
-    def _coarse_path(self, query: Endpoints) -> list[Cell]:
-        """The cheapest path over the map averaged to blocks; start and goal where there is none."""
-        cost, blocked = planes_of(self.grid, Frame(*self.grid.shape, self.side))
-        passable = np.where(blocked < 1.0, np.minimum(cost, np.float32(0.999)), np.float32(np.inf))
-        ends = self._blocks(query)
-        return search(build_graph(passable), *ends) or ends
-
-    def _nearest_blocks(self, line: Sequence[Cell], count: int) -> Region:
-        """The `count` blocks nearest to a line through blocks; all of the line in any case."""
-        rows, cols = np.indices((self.side, self.side))
-        distance = np.full(rows.shape, np.inf)
-        # the distance of every block to the nearest leg of the line
-        for (row, col), (next_row, next_col) in pairwise([*line, line[-1]]):
-            down = next_row - row
-            across = next_col - col
-            along = (rows - row) * down + (cols - col) * across
-            share = np.clip(along / max(down**2 + across**2, 1), 0.0, 1.0)
-            to_leg = np.hypot(rows - row - share * down, cols - col - share * across)
-            distance = np.minimum(distance, to_leg)
-        distance[tuple(np.transpose(line))] = -1.0
-        order = np.argsort(distance, axis=None, kind="stable")
-        chosen = np.zeros(distance.size, bool)
-        chosen[order[: max(count, len(set(line)))]] = True
-        return self._region(chosen.reshape(distance.shape))
+    rows, cols = np.indices((side, side))
+    distance = np.full(rows.shape, np.inf)
+    # the distance of every block to the nearest leg of the line
+    for (row, col), (next_row, next_col) in pairwise([*line, line[-1]]):
+        down = next_row - row
+        across = next_col - col
+        along = (rows - row) * down + (cols - col) * across
+        share = np.clip(along / max(down**2 + across**2, 1), 0.0, 1.0)
+        to_leg = np.hypot(rows - row - share * down, cols - col - share * across)
+        distance = np.minimum(distance, to_leg)
+    distance[tuple(np.transpose(line))] = -1.0
+    order = np.argsort(distance, axis=None, kind="stable")
+    chosen = np.zeros(distance.size, bool)
+    chosen[order[: max(count, len(set(line)))]] = True
+    return chosen.reshape(distance.shape)
 
 
-def best_path(grid: Grid, query: Endpoints, region: Region | None = None) -> Int32:
-    """(N, 2) cells of the cheapest path in a region, or on the whole map; empty without a path."""
-    return astar(grid, *query, Workspace(len(grid.weights)), region=region).path
+def grid_of(cost: Float2D) -> Grid:
+    """A map with the paper's step costs."""
+    return Grid.of(cost, StepModel.of("paper"))
+
+
+def best_path(grid: Grid, query: Endpoints, region: Region | None = None) -> Answer:
+    """The cheapest path in a region, or on the whole map."""
+    found = astar(grid, *query, Workspace(len(grid.weights)), region=region)
+    return priced(grid, found.path, region)
 
 
 @functools.cache

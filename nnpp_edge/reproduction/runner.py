@@ -28,11 +28,22 @@ from nnpp_edge.runtime.network.model_file import read_model_file
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.viz.figures import encoded
 
-FORMAT = "nnpp-edge-reproduction-3"
+FORMAT = "nnpp-edge-reproduction-4"
 EXPERIMENTS: dict[str, Experiment] = {}
 for room in (exact, static, looks, dynamic):
     EXPERIMENTS |= room.EXPERIMENTS
 """The experiments of the paper by name, in the order in which they run."""
+QUICK = {
+    "sizes": (64, 128, 256),
+    "size": 128,
+    "maps": 3,
+    "queries": 4,
+    "repeats": 1,
+    "fine": 25,
+    "goals": 3,
+    "episodes": 3,
+}
+"""Settings of a smoke run."""
 _HEADS = {
     Verdict.DIFFERS: "What does not agree",
     Verdict.TOO_FEW: "What too few queries were made for",
@@ -72,16 +83,11 @@ class Stored(msgspec.Struct):
     where: str
     title: str
     quick: bool
-    machine: str
     made_with: dict[str, str]
-    """All that decides the figures, except the machine."""
+    """All that decides the figures."""
     findings: list[Finding]
     notes: list[str]
     summary: str
-
-    @property
-    def link(self) -> str:
-        return f"[{self.where}](#{self.name})"
 
 
 def reproduce(
@@ -109,61 +115,61 @@ def reproduce(
     make_folder(output)
     for name in names:
         experiment = EXPERIMENTS[name]
-        settings = {**experiment.settings, **(experiment.quick if quick else {})}
-        used = _networks_used(models, experiment.networks)
-        made_with = {
+        settings = dict(experiment.settings)
+        if quick:
+            settings |= {name: QUICK[name] for name in settings.keys() & QUICK.keys()}
+        used = [
+            f"{role}: {_network(file)}"
+            for role, file in zip(BOTH, models, strict=True)
+            if role in experiment.networks
+        ]
+        facts = {
             "made by": f"nnpp-edge {__version__}, seed {seed}" + ", `--quick`" * quick,
             "terrain": ", ".join(grounds),
-            "networks": used or "none",
+            "networks": ", ".join(used) or "none",
             "controls": "corridor, straight band, shuffled weights" if used else "none",
             "samples": ", ".join(f"{setting} {value}" for setting, value in settings.items()),
+            "machine": _machine(),
         }
-        machine = _machine()
         exercise()  # no kernel is compiled or loaded while the clock runs
         with bar(name, THOUSANDTHS, quiet=True) as advance:
             context = Context(dems, seed, networks, advance)
             rows = Rows(experiment.measure(context, **settings))
         everything = experiment.beside(rows)
-        totals = experiment.totals
-        if totals:
+        if experiment.totals:
             context.notes.append(_OF_TOTALS)
-        facts = Stored(
+        made = Stored(
             FORMAT,
             name,
             experiment.where,
             experiment.title,
             quick,
-            machine,
-            made_with,
+            facts,
             list(experiment.findings(rows)),
             context.notes,
-            summary(everything, experiment.by, totals=totals),
+            summary(everything, experiment.by, totals=experiment.totals),
         )
         draw = experiment.picture
         picture = draw(everything) if draw else maps(context.scenes)
         place = output / name / name
         make_folder(place.parent)
+        content = msgspec.json.format(msgspec.json.encode(made), indent=1)
         write_all(
             {
                 place.with_suffix(".csv"): rows.csv().encode(),
                 place.with_suffix(".png"): encoded(picture, dpi=130),
-                place.with_suffix(".json"): msgspec.json.format(
-                    msgspec.json.encode(facts), indent=1
-                ),
+                place.with_suffix(".json"): content,
             }
         )
         _write_page(output)
-        yield facts
+        yield made
 
 
-def _networks_used(models: Sequence[str], roles: Sequence[str]) -> str:
-    """The files of the networks that take part, for people."""
-    lines = []
-    for role, file in zip(BOTH, map(read_model_file, models), strict=True):
-        if role in roles:
-            region = f"region {{p ≥ {file.metadata.region_factor:g} · td}}"
-            lines.append(f"{role}: `{file.name}` (SHA-256 {file.sha256[:12]}…, {region})")
-    return ", ".join(lines)
+def _network(file: str) -> str:
+    """A network's file, for people."""
+    read = read_model_file(file)
+    region = f"region {{p ≥ {read.metadata.region_factor:g} · td}}"
+    return f"`{read.name}` (SHA-256 {read.sha256[:12]}…, {region})"
 
 
 def _machine() -> str:
@@ -194,29 +200,26 @@ def _write_page(output: Path) -> None:
             f"**{quick}: smoke runs (`--quick`), far too small to conclude anything from.**"
         )
     counts = []
+    claims: dict[Verdict, list[tuple[str, ...]]] = {verdict: [] for verdict in _HEADS}
     for each in stored:
+        link = f"[{each.where}](#{each.name})"
         verdicts = Counter(finding.verdict for finding in each.findings)
         of_each = (str(verdicts[verdict] or MISSING) for verdict in Verdict)
-        counts.append((each.link, each.title, *of_each))
+        counts.append((link, each.title, *of_each))
+        for finding in each.findings:
+            claims[finding.verdict].append((link, *finding.cells))
     columns = ("", "experiment", "agrees", "better", "does not agree", "too few queries")
     parts.append(markdown_table(columns, counts))
     columns = ("", "claim", "paper", "ours", "rule", "controls")
     for verdict, head in _HEADS.items():
-        lines = [
-            (each.link, *finding.cells)
-            for each in stored
-            for finding in each.findings
-            if finding.verdict is verdict
-        ]
-        if lines:
-            parts += [f"## {head}", markdown_table(columns, lines)]
+        if claims[verdict]:
+            parts += [f"## {head}", markdown_table(columns, claims[verdict])]
     for each in stored:
-        facts = {**each.made_with, "machine": each.machine}
         section = _SECTION.format(
             name=each.name,
             where=each.where,
             title=each.title,
-            facts="\n".join(f"- {fact}: {text}" for fact, text in facts.items()),
+            facts="\n".join(f"- {fact}: {text}" for fact, text in each.made_with.items()),
             text="\n\n".join([each.summary, *each.notes]),
         )
         parts.append(section)

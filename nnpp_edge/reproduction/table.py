@@ -2,12 +2,13 @@
 
 import math
 from collections.abc import Callable, Sequence
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
 
 from nnpp_edge.profiling.rows import Rows
-from nnpp_edge.progress import MISSING, markdown_table, shown
+from nnpp_edge.progress import MISSING, markdown_table, shown, with_unit
 from nnpp_edge.reproduction import paper
 from nnpp_edge.reproduction.planners import CONTROLS_OF, PLAIN
 from nnpp_edge.reproduction.regions import NETWORK
@@ -33,24 +34,19 @@ def summary(rows: Rows, by: Sequence[str], *, totals: bool = False) -> str:
     """
     everything = rows.having(*by)
     if not isinstance(everything[0][by[0]], str):
-        everything.sort(key=lambda row: float(row[by[0]]))
+        everything.sort(key=itemgetter(by[0]))
     counted = everything.answered() if totals else everything
     measured = {name for row in counted for name in row}
-    if "planner" not in by:
-        measured.discard("time_s")
     columns = {}
     for head, (name, form) in MEANS.items():
-        if totals:
-            head, form = SUMS.get(head, (head, form))
         if name in measured:
+            head, form = SUMS.get(head, (head, form)) if totals else (head, form)
             columns[head] = (name, form)
     lines = []
     for key, group in counted.groups(by).items():
         place = dict(zip(by, key, strict=True))
-        every = everything.of(**place)
-        planner = place.get("planner", "")
-        astar = counted.of(**place | {"planner": _astar_beside(planner)})
-        line = TableLine(group, every, astar)
+        astar = counted.of(**place | {"planner": _astar_beside(place.get("planner", ""))})
+        line = TableLine(group, everything.of(**place), astar)
         names = [written(name, value) for name, value in place.items()]
         lines.append([*names, *(_text(line, *column) for column in columns.values())])
     return markdown_table([*by, *columns], lines)
@@ -91,7 +87,7 @@ MEANS: dict[str, tuple[str, Form]] = {
     "AT": ("time_s", "s"),
     "over A*": (
         "time_s",
-        lambda line: times(line.astar.mean("time_s") / line.rows.mean("time_s")),
+        lambda line: with_unit(line.astar.mean("time_s") / line.rows.mean("time_s"), "x"),
     ),
     "inference": ("inference_s", "s"),
     "graph": ("graph_s", "s"),
@@ -100,17 +96,17 @@ MEANS: dict[str, tuple[str, Form]] = {
     "path, cells": ("path_cells", ".0f"),
     "CC": ("cc", ".2f"),
     "CC increase": ("exact_cc", lambda line: percent(line.rows.increase(), 2)),
-    "cost above the optimum": ("excess", "z.2%"),
+    "cost above the optimum": ("gap", "z.2%"),
     "success": ("found", "z.1%"),
     "MM": ("mm", lambda line: spread(line.rows.all("mm"), 3)),
-    "region, of the map": ("share", "z.1%"),
+    "region, of the map": ("region_share", "z.1%"),
     "in common with the first": ("common", "z.1%"),
     "best ω": ("best_omega", lambda line: spread(line.rows.all("best_omega"), 4)),
 }
 """Columns by their heads: the figure that each needs, and how it is written."""
 SUMS: dict[str, tuple[str, Form]] = {
-    "AT": ("time in all", lambda line: seconds(line.rows.total("time_s"))),
-    "CC": ("CC", lambda line: shown(line.rows.total("cc"), ".2f")),
+    "AT": ("time in all", lambda line: seconds(sum(line.rows.all("time_s")) or math.nan)),
+    "CC": ("CC", lambda line: shown(sum(line.rows.all("cc")) or math.nan, ".2f")),
     "success": ("failed", _failed),
 }
 """Columns that differ where sums are shown: by the head of the mean their own head and form."""
@@ -118,16 +114,7 @@ SUMS: dict[str, tuple[str, Form]] = {
 
 def seconds(value: float) -> str:
     """A time with its unit, three digits."""
-    if not math.isfinite(value):
-        return MISSING
-    return f"{value:.3g} s" if value >= 1.0 else f"{1e3 * value:.3g} ms"
-
-
-def times(ratio: float) -> str:
-    """How many times as fast."""
-    if not math.isfinite(ratio):
-        return MISSING
-    return f"{ratio:.0f}×" if ratio >= 100.0 else f"{ratio:.3g}×"
+    return with_unit(value, "s") if value >= 1.0 else with_unit(1e3 * value, "ms")
 
 
 def percent(share: float, digits: int = 1) -> str:

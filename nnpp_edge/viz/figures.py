@@ -12,7 +12,7 @@ from nnpp_edge.profiling.inference import int8_in_words
 from nnpp_edge.profiling.judge import IN_WORDS, measured, place, wanted
 from nnpp_edge.profiling.rows import Facts
 from nnpp_edge.progress import shown, with_unit
-from nnpp_edge.runtime.arrays import Floats
+from nnpp_edge.runtime.arrays import Floats, UInt8
 from nnpp_edge.runtime.errors import optional_module
 
 if TYPE_CHECKING:
@@ -44,8 +44,8 @@ class Panel(NamedTuple):
     y: str = ""
     log: str = ""
     """The axes that are logarithmic."""
-    image: Floats | None = None
-    """(H, W, 3) of a map, in whose cells the curves are."""
+    image: UInt8 | None = None
+    """(H, W, 3) uint8 of a map, in place of curves."""
 
 
 def chart(lines: Sequence[Sequence[Panel]], wide: float = 5.8) -> "Figure":

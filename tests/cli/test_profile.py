@@ -241,7 +241,7 @@ def test_peak_memory_is_that_of_another_process(tiny_model):
         flat = np.zeros((side, side), np.float32)
         ground = Ground.of_elevation(flat, 0.25, vehicle=vehicle)
         on_map = Case("soft", side, flat + 0.2, (query,), ground)
-        return peak_memory_mb(on_map, query, "astar", str(tiny_model))
+        return peak_memory_mb(on_map, "astar", str(tiny_model))
 
     mine = np.ones(200_000_000, np.uint8)  # must not count
     small = peak(96)

@@ -25,75 +25,52 @@ def clock():
     return FakeClock()
 
 
-def taking(clock, seconds, calls=None, name=""):
-    """A rival whose call takes so many seconds, one for each call in turn, and returns the case."""
-    left = iter(seconds)
-
-    def call(case):
-        if calls is not None:
-            calls.append((name, case))
-        clock.now += next(left)
-        return case
-
-    return call
-
-
-def test_every_rival_is_timed_on_every_case_and_what_is_done_between_does_not_count(clock):
-    def slow(*told):
-        clock.now += 50.0
-
-    calls = []
-    seconds = {"plain": [9.0, 8.0], "ours": [3.0, 1.0, 2.0, 4.0, 5.0, 6.0]}
-    rivals = {name: taking(clock, each, calls, name) for name, each in seconds.items()}
-    given = {"repeats": 3, "once": ("plain",), "before": slow, "after": slow}
-    times = []
-    for records in Harness(clock=clock).measure(rivals, ["a", "b"], **given):
-        times.append([(name, record.case, record.elapsed_s) for name, record in records.items()])
-        clock.now += 1000.0
-    assert times[0] == [("plain", "a", (9.0,)), ("ours", "a", (3.0, 1.0, 2.0))]
-    assert times[1] == [("plain", "b", (8.0,)), ("ours", "b", (4.0, 5.0, 6.0))]
-    assert len(calls) == 8
-
-
-def test_rivals_take_turns_in_an_order_that_is_drawn_anew_and_the_same_for_the_same_seed(clock):
+def test_rivals_take_turns_in_an_order_that_is_drawn_anew_and_what_is_between_does_not_count(clock):
     def order(seed):
         calls = []
-        rivals = {name: taking(clock, [1.0] * 40, calls, name) for name in "abc"}
-        list(Harness(seed, clock).measure(rivals, [0, 1], repeats=20))
-        return [name for name, _ in calls]
+
+        def call(name, case):
+            calls.append((name, case))
+            clock.now += 1.0 + case
+            return f"{name} of {case}"
+
+        def between(*told):
+            clock.now += 50.0
+
+        rivals = {name: partial(call, name) for name in "abc"}
+        given = {"repeats": 20, "before": between, "after": between}
+        for records in Harness(seed, clock).measure(rivals, [0, 1], **given):
+            _, case = calls[-1]
+            for name, record in records.items():
+                assert (record.case, record.elapsed_s) == (case, (1.0 + case,) * 20)
+                assert record.results == (f"{name} of {case}",) * 20
+            between()
+        return "".join(name for name, _ in calls)
 
     called = order(1)
-    turns = {tuple(called[at : at + 3]) for at in range(0, 120, 3)}
-    assert turns == set(permutations("abc")), "each once in a turn, in every order"
+    turns = {called[at : at + 3] for at in range(0, 120, 3)}
+    assert len(called) == 120 and turns == {*map("".join, permutations("abc"))}
     assert called == order(1) != order(2)
 
 
-def test_medians_quantiles_and_the_middle_call(clock):
-    times = iter([5.0, 1.0, 3.0, 2.0, 4.0])
+def test_medians_the_middle_call_and_no_garbage_collected_meanwhile(clock):
+    seconds = iter([5.0, 1.0, 3.0, 2.0, 4.0])
+    collected = []
 
     def call(case):
-        seconds = next(times)
-        clock.now += seconds
-        return f"took {seconds}"
+        collected.append(gc.isenabled())
+        took = next(seconds)
+        clock.now += took
+        return f"took {took}"
 
-    (records,) = Harness(clock=clock).measure({"x": call}, [0], repeats=4)
+    harness = Harness(clock=clock)
+    for records in harness.measure({"x": call}, [0], repeats=4):
+        collected.append(gc.isenabled())
     record = records["x"]
     assert record.median_s == 2.5
     assert record.middle() == (2.0, "took 2.0")  # of the two in the middle the faster one
-    assert Harness(clock=clock).timed(partial(call, 0)) == (4.0, "took 4.0")
-
-
-def test_garbage_is_not_collected_while_calls_are_timed(clock):
-    seen = []
-
-    def call(case):
-        seen.append(gc.isenabled())
-
-    assert gc.isenabled()
-    for _ in Harness(clock=clock).measure({"x": call}, [0, 1]):
-        seen.append(gc.isenabled())
-    Harness(clock=clock).timed(lambda: call(0))
-    assert seen == [False, True, False, True, False] and gc.isenabled()
+    assert harness.timed(partial(call, 0)) == (4.0, "took 4.0")
+    assert collected == [*[False] * 4, True, False] and gc.isenabled()
 
 
 def test_a_gap_is_a_share_of_the_optimum_also_where_energy_is_got_back():

@@ -1,17 +1,16 @@
-"""What a profile says of the machine: processor, pinned cores, load by others and energy."""
+"""What a profile says of the machine: processor, pinned cores and load by others."""
 
 import os
 import subprocess
 import sys
-import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 
-import numpy as np
 import pytest
 
 from nnpp_edge.profiling import machine
-from nnpp_edge.profiling.machine import Disturbance, EnergyMeter, environment, pinned
+from nnpp_edge.profiling.machine import Disturbance, environment, pinned
 
 
 @contextmanager
@@ -37,11 +36,9 @@ def test_another_process_on_the_core_is_seen():
     watch = Disturbance([core])
     if machine.core_seconds([core]) is None:
         pytest.skip("this kernel does not count the cores' time")
-    with busy_core(core), pinned([core]):
-        watch.start()
+    with busy_core(core), pinned([core]), watch.watched():
         work(0.3)
-        watch.stop()
-    assert watch.others_share() > 0.25
+    assert watch.facts()["others_share"] > 0.25
 
 
 def test_own_work_is_not_that_of_others(monkeypatch):
@@ -49,46 +46,35 @@ def test_own_work_is_not_that_of_others(monkeypatch):
     monkeypatch.setattr(machine, "core_seconds", lambda cores: time.process_time())
     watch = Disturbance([0])
     for _ in range(3):
-        watch.start()
-        work(0.02)
-        watch.stop()
+        with watch.watched():
+            work(0.02)
         work(0.02)  # not watched
-    assert watch.others_share() < 0.05
-    assert watch.elapsed_s > 0.05
+    assert watch.facts()["others_share"] < 0.05
+    assert watch.facts()["measured_s"] > 0.05
 
 
 def test_a_kernel_that_does_not_count_is_not_taken_for_an_idle_one(monkeypatch, tmp_path):
     (tmp_path / "stat").write_text("cpu  0 0 0 0 0 0 0 0 0 0\ncpu0 0 0 0 0 0 0 0 0 0 0\n")
     monkeypatch.setattr(machine, "_PROC", tmp_path)
     watch = Disturbance([0])
-    watch.start()
-    watch.stop()
-    assert watch.others_share() is None
+    with watch.watched():
+        pass
+    assert watch.facts()["others_share"] is None
 
 
 def test_threads_are_pinned_and_set_free_again():
     before = os.sched_getaffinity(0)
-    seen = []
-    wait = threading.Event()
-    done = threading.Event()
+    core = min(before)
+    with ThreadPoolExecutor(1) as pool:
 
-    def look():
-        wait.wait()
-        seen.append(os.sched_getaffinity(0))
-        done.wait()
-        seen.append(os.sched_getaffinity(0))
+        def of_both():
+            return [os.sched_getaffinity(0), pool.submit(os.sched_getaffinity, 0).result()]
 
-    thread = threading.Thread(target=look)
-    thread.start()
-    with pinned([min(before)]) as (cores, said):
-        assert (cores, said) == ([min(before)], [])
-        assert os.sched_getaffinity(0) == {min(before)}
-        wait.set()
-        while not seen:
-            time.sleep(0.001)
-    done.set()
-    thread.join()
-    assert seen == [{min(before)}, before] and os.sched_getaffinity(0) == before
+        assert of_both() == [before] * 2
+        with pinned([core]) as (cores, said):
+            assert (cores, said) == ([core], [])
+            assert of_both() == [{core}] * 2
+        assert of_both() == [before] * 2
 
 
 def test_cores_that_are_missing_are_said():
@@ -98,39 +84,6 @@ def test_cores_that_are_missing_are_said():
     assert len(said) == 1 and "4000, not all of which" in said[0]
     with pinned([4000]) as (cores, said):
         assert cores == [min(have)] and "4000" in said[0]
-
-
-def counters(folder, **counted):
-    for name, microjoules in counted.items():
-        zone = folder / "powercap" / f"intel-rapl:{name}"
-        zone.mkdir(parents=True, exist_ok=True)
-        (zone / "name").write_text(f"{name}\n")
-        (zone / "energy_uj").write_text(f"{microjoules}\n")
-        (zone / "max_energy_range_uj").write_text("999\n")
-
-
-def test_energy_is_summed_over_packages_and_a_counter_may_wrap(tmp_path):
-    counters(tmp_path, package0=900, package1=100, core=5, psys=7)
-    meter = EnergyMeter(tmp_path)
-    before = meter.read()
-    counters(tmp_path, package0=50, package1=160, core=50, psys=80)
-    assert sorted(before) == [100, 900] and meter.since_mj(before) == pytest.approx(
-        1e-3 * (150 + 60)
-    )
-    (tmp_path / "powercap/intel-rapl:package0/energy_uj").unlink()
-    assert np.isnan(meter.since_mj(before)), "one package that cannot be read"
-
-
-def test_without_rapl_energy_is_what_hwmon_counts_but_for_graphics_cards(tmp_path):
-    assert np.isnan(EnergyMeter(tmp_path).since_mj(EnergyMeter(tmp_path).read()))
-    for at, (driver, microjoules) in enumerate((("scmi_sensors", 2000), ("xe", 9000))):
-        (tmp_path / f"hwmon/hwmon{at}").mkdir(parents=True)
-        (tmp_path / f"hwmon/hwmon{at}/name").write_text(f"{driver}\n")
-        (tmp_path / f"hwmon/hwmon{at}/energy1_input").write_text(f"{microjoules}\n")
-    meter = EnergyMeter(tmp_path)
-    before = meter.read()
-    (tmp_path / "hwmon/hwmon0/energy1_input").write_text("5000\n")
-    assert before == [2000] and meter.since_mj(before) == 3.0
 
 
 RASPBERRY_PI_4 = """\

@@ -1,18 +1,14 @@
 """The measured run of a profile: its rows and figures."""
 
 import os
-import time
 from itertools import product
 
-import numpy as np
 import pytest
 
-from nnpp_edge.profiling import measure
 from nnpp_edge.profiling.figures import break_even, loop_rows, results
 from nnpp_edge.profiling.measure import queries_in, rivals_of, run
 from nnpp_edge.profiling.profile_file import Budget, Device, Load, Networks, Profile
 from nnpp_edge.profiling.rows import PLACE, Rows
-from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.settings import OnboardLoop
 
 LOAD = Load(
@@ -25,16 +21,6 @@ LOAD = Load(
 )
 NAMES = ["astar", "corridor", "nnpp", "nnpp-fp32", "auto"]
 CORES = sorted(os.sched_getaffinity(0))
-
-
-class OneWatt:
-    """A meter by which every call takes as many millijoules as milliseconds."""
-
-    def read(self):
-        return time.perf_counter()
-
-    def since_mj(self, before):
-        return 1e3 * (time.perf_counter() - before)
 
 
 def asks(quantity, planner, **where):
@@ -50,11 +36,8 @@ def profile(load, planner, model, *budgets):
 def measured(tiny_model):
     """A run, its rows and the progress."""
     done = []
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(measure, "EnergyMeter", OneWatt)
-        planners = rivals_of(Networks(str(tiny_model), str(tiny_model)), Device((0,)))
-        asked = profile(LOAD, "nnpp", tiny_model)
-        found = run(asked, planners, CORES, progress=done.append)
+    planners = rivals_of(Networks(str(tiny_model), str(tiny_model)), Device((0,)))
+    found = run(profile(LOAD, "nnpp", tiny_model), planners, CORES, done.append)
     return found, results(found.answers), done
 
 
@@ -63,10 +46,7 @@ def test_every_planner_has_a_row_for_each_workload_and_size(measured):
     assert [PLACE(row) for row in told] == list(product(LOAD.workloads, LOAD.sizes, NAMES))
     assert {row["n"] for row in told} == {12}
     assert done[-1] == queries_in(LOAD) == 2 * 2 * 2 * 12 and done == sorted(done)
-    watts = [row["energy_mj"] / row["time_ms"]["mean"] for row in told]
-    # calls may be held up after the clock stopped
-    assert min(watts) > 1.0 and np.quantile(watts, 0.25) < 1.5
-    assert [half.elapsed_s > 0.0 for half in found.disturbance] == [True, True]
+    assert [half.facts()["measured_s"] > 0.0 for half in found.disturbance] == [True, True]
     of = {PLACE(row): list(row["stages_ms"]) for row in told}
     assert {"encode", "inference", "threshold", "path"} <= set(of["soft", 96, "nnpp"])
     assert of["soft", 96, "astar"] == ["search", "path", "other"]
@@ -95,17 +75,6 @@ def test_both_halves_ask_the_same_and_costs_are_those_of_the_public_planner(meas
     assert at["soft", 96, "auto"]["inference_fps"] is None
 
 
-def test_terrain_without_enough_queries_is_refused(tmp_path, tiny_model):
-    towers = (np.arange(40)[:, None] // 10 + np.arange(40) // 10) % 2
-    heights = (1000.0 * towers).astype(np.float32)
-    np.savez(tmp_path / "cliff.npz", elevation_m=heights, cell_size_m=1.0)
-    terrain = (str(tmp_path / "cliff.npz"),)
-    load = Load(terrain, workloads=("limit20",), sizes=(40,), queries=2, min_distance=0.6)
-    planners = rivals_of(Networks(str(tiny_model)), Device((0,)))
-    with pytest.raises(InvalidQueryError, match="wanted 2 queries with a path"):
-        run(profile(load, "auto", tiny_model), planners, [0])
-
-
 def test_each_call_on_a_vehicles_map_is_that_of_a_planner_that_has_checked_nothing(tiny_model):
     kind = {"terrain": ("synthetic",), "workloads": ("soft", "body", "body-rocks5")}
     load = Load(**kind, vehicle="small-rover", sizes=(64,), queries=3, repeats=2, patches=6)
@@ -120,19 +89,15 @@ def test_each_call_on_a_vehicles_map_is_that_of_a_planner_that_has_checked_nothi
         assert row["gap_mean"] == 0.0 if row["planner"] == "astar" else row["gap_mean"] > -1e-6
 
 
-def test_times_are_told_by_their_quantiles():
-    times = np.random.default_rng(0).permutation(np.arange(1.0, 202.0)).tolist()
-    counts = {"planned": 3 / 201, "kept": 0, "without_path": 0, "late": 2 / 201}
+def test_times_are_told_by_their_quantiles_and_a_thousandth_of_enough():
     place = {"workload": "soft", "size": 64, "half": 0}
-    rows = Rows({**place, **counts, "reaction_ms": ms} for ms in times)
-    (row,) = loop_rows(rows, OnboardLoop())
-    told = {"median": 101.0, "p90": 181.0, "p99": 199.0, "max": 201.0, "mean": 101.0}
-    assert (row["reaction_ms"], row["planned"]) == (told, 3)
+    rows = Rows({**place, "reaction_ms": float(ms), "late": ms < 2} for ms in range(1101))
+    (row,) = loop_rows(Rows(rows[:201]), OnboardLoop())
+    told = {"median": 100.0, "p90": 180.0, "p99": 198.0, "max": 200.0, "mean": 100.0}
+    assert row["reaction_ms"] == told
     assert row["late_per_hour"] == pytest.approx(2 / (201 / 17 / 3600))
-    (row,) = loop_rows(
-        Rows({**place, "reaction_ms": float(ms)} for ms in range(1100)), OnboardLoop()
-    )
-    assert row["reaction_ms"]["p999"] == pytest.approx(1097.9, abs=0.01)
+    (row,) = loop_rows(rows, OnboardLoop())
+    assert row["reaction_ms"]["p999"] == pytest.approx(1098.9, abs=0.01)
 
 
 def test_from_which_size_on_a_planner_pays():
@@ -142,7 +107,6 @@ def test_from_which_size_on_a_planner_pays():
         for name, of_sizes in times.items()
         for size, ms in zip((128, 256, 512), of_sizes, strict=True)
     ]
-    found = {(line["planner"], line["over"]): line["size_from"] for line in break_even(told)}
-    assert found == {("corridor", "astar"): 256, ("nnpp", "astar"): 512, ("nnpp", "corridor"): 512}
-    smaller = break_even([row for row in told if row["size"] < 512])
-    assert {line["size_from"] for line in smaller} == {256, None}
+    assert [line["size_from"] for line in break_even(told)] == [256, 512, 512]
+    smaller = [row for row in told if row["size"] < 512]
+    assert [line["size_from"] for line in break_even(smaller)] == [256, None, None]

@@ -12,52 +12,36 @@ from tests.tables import cases
 LIMITS = {"clock_mhz": {"0": 2000.0, "1": 2000.0}, "temperature_c": {"cpu 0": 85.0}}
 
 
-class FakeSys:
-    """A folder like /sys, whose sensors tell what they are told."""
-
-    def __init__(self, root):
-        self.root = root
-
-    def write(self, path, content):
-        file = self.root / path
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(f"{content}\n")
-
-    def clock(self, core, khz):
-        self.write(f"devices/system/cpu/cpu{core}/cpufreq/scaling_cur_freq", khz)
-
-    def temperature(self, milli, zone=0):
-        self.write(f"class/thermal/thermal_zone{zone}/temp", milli)
+CLOCK = "devices/system/cpu/cpu0/cpufreq/scaling_cur_freq"
+TEMPERATURE = "class/thermal/thermal_zone0/temp"
+FILES = {
+    CLOCK: 1_800_000,
+    TEMPERATURE: 55_250,
+    "class/thermal/thermal_zone0/type": "cpu",
+}
+TRIPS = {"active": 60_000, "critical": 105_000, "passive": 85_000, "hot": 0}
 
 
 @pytest.fixture
-def fake(tmp_path):
-    """Two cores of 2 GHz and one zone that slows them at 85 °C, starts a fan at 60, and has an
-    unused point.
+def write(tmp_path):
+    """Write a file below a folder like /sys: of two cores of 2 GHz and one zone that slows them at
+    85 °C, starts a fan at 60, and has an unused point.
     """
-    tree = FakeSys(tmp_path)
+
+    def write(path, content):
+        file = tmp_path / path
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(f"{content}\n")
+
+    for path, content in FILES.items():
+        write(path, content)
     for core in (0, 1):
-        tree.write(f"devices/system/cpu/cpu{core}/cpufreq/cpuinfo_max_freq", 2_000_000)
-        tree.write(f"devices/system/cpu/cpu{core}/thermal_throttle/core_throttle_count", 3)
-        tree.clock(core, 1_800_000)
-    tree.write("class/thermal/thermal_zone0/type", "cpu")
-    trips = {"active": 60_000, "critical": 105_000, "passive": 85_000, "hot": 0}
-    for at, (kind, milli) in enumerate(trips.items()):
-        tree.write(f"class/thermal/thermal_zone0/trip_point_{at}_type", kind)
-        tree.write(f"class/thermal/thermal_zone0/trip_point_{at}_temp", milli)
-    tree.temperature(55_250)
-    return tree
-
-
-def test_what_the_kernel_tells_without_files_that_cannot_be_read(fake, tmp_path):
-    log = Sensors([0, 1], tmp_path)
-    log.read()
-    assert log.limits == LIMITS
-    assert [row["value"] for row in log.readings] == [1800.0, 1800.0, 55.25, 3, 3]
-    fake.clock(0, "<unknown>")
-    (tmp_path / "class/thermal/thermal_zone0/temp").unlink()
-    log.read()
-    assert [row["value"] for row in log.readings[5:]] == [1800.0, 3, 3]
+        write(f"devices/system/cpu/cpu{core}/cpufreq/cpuinfo_max_freq", 2_000_000)
+        write(f"devices/system/cpu/cpu{core}/thermal_throttle/core_throttle_count", 3)
+    for at, (kind, milli) in enumerate(TRIPS.items()):
+        write(f"class/thermal/thermal_zone0/trip_point_{at}_type", kind)
+        write(f"class/thermal/thermal_zone0/trip_point_{at}_temp", milli)
+    return write
 
 
 def test_a_machine_that_tells_nothing_has_no_readings_and_is_not_called_throttled(tmp_path):
@@ -68,11 +52,7 @@ def test_a_machine_that_tells_nothing_has_no_readings_and_is_not_called_throttle
     assert log.facts() == nothing and log.readings == []
 
 
-def test_readings_are_taken_no_sooner_than_a_quarter_second_after_the_last(
-    fake,
-    tmp_path,
-    monkeypatch,
-):
+def test_readings_are_taken_no_sooner_than_a_quarter_second_after_the_last(tmp_path, monkeypatch):
     now = [0.0]
     log = Sensors([0], tmp_path)
     taken = []
@@ -106,7 +86,9 @@ THROTTLED = """
     ("clocks", "temperatures", "counts", "words", "share"),
     cases(THROTTLED, 5),
 )
-def test_when_a_run_is_called_throttled(fake, tmp_path, clocks, temperatures, counts, words, share):
+def test_when_a_run_is_called_throttled(
+    write, tmp_path, clocks, temperatures, counts, words, share
+):
     log = Sensors([0, 1], tmp_path)
     told = {"clock_mhz": clocks, "temperature_c": temperatures, "throttles": counts}
     log.readings = Rows(
@@ -119,16 +101,21 @@ def test_when_a_run_is_called_throttled(fake, tmp_path, clocks, temperatures, co
     assert found.share == pytest.approx(float(share))
 
 
-def test_the_report_tells_ranges_limits_and_the_verdict(fake, tmp_path):
+def test_the_report_tells_ranges_and_limits_of_what_can_be_read_and_the_verdict(write, tmp_path):
     log = Sensors([0, 1], tmp_path)
     for mhz, degrees in ((2000, 60), (1900, 85), (1200, 84), (1200, 83)):
-        fake.clock(0, 1000 * mhz)
-        fake.temperature(1000 * degrees)
+        write(CLOCK, 1000 * mhz)
+        write(TEMPERATURE, 1000 * degrees)
         log.read()
+    write(CLOCK, "<unknown>")
+    (tmp_path / TEMPERATURE).unlink()
+    write("devices/system/cpu/cpu1/thermal_throttle/core_throttle_count", 4)
+    log.read()
+    assert log.limits == LIMITS
     facts = log.facts()
     clock = facts["clock_mhz"]["0"]
     temperature = facts["temperature_c"]["cpu 0"]
     assert clock == {"first": 2000, "last": 1200, "min": 1200, "max": 2000, "limit": 2000}
     assert temperature == {"first": 60, "last": 83, "min": 60, "max": 85, "trip": 85}
     assert "core 0 fell" in facts["throttled"] and "core 1" not in facts["throttled"]
-    assert "in 1 of 4 readings" in facts["throttled"]
+    assert "in 1 of 4 readings" in facts["throttled"] and "1 times" in facts["throttled"]
