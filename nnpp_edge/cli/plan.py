@@ -42,13 +42,11 @@ def command(
     """Plan a path over the elevation map DEM, a file or sample:NAME (such as moon_highlands or
     mars_victoria).
 
-    Give start and goal as cells, in the map's coordinates, as longitude and latitude, or as a
-    vector file's points (GeoPackage, GeoJSON, GPX, Shapefile, FlatGeobuf; FILE:LAYER of several
-    layers). With several goals a path to each is planned, and the cheapest is used. The time shown
-    includes the stages `kernels`, loading compiled code, and `load`, waiting for the network, whose
-    file is opened meanwhile; with --compare and --time-limit these are loaded first. Exit codes: 0
-    for a path, 1 for NO_PATH or TIMEOUT, 2 where start or goal lies outside the map or is
-    impassable.
+    Give start and goal as cells, in the map's coordinates, or as longitude and latitude. With
+    several goals a path to each is planned, and the cheapest is used. The time shown includes the
+    stages `kernels`, loading compiled code, and `load`, waiting for the network, whose file is
+    opened meanwhile; with --compare and --time-limit these are loaded first. Exit codes: 0 for a
+    path, 1 for NO_PATH or TIMEOUT, 2 where start or goal lies outside the map or is impassable.
 
     A limit of slope is on the plane through a cell and its eight neighbours, not on a single step
     from cell to cell: a warning counts the steps of the path that are steeper.
@@ -72,7 +70,7 @@ def command(
     names = [*_FILES, *(f"path.{name}" for name in dict.fromkeys(request.formats))]
     paths = [] if output is None else [output / name for name in names]
     outputs = [("--output", path) for path in paths]
-    options.check_outputs(*outputs, more_inputs=request.files, make_folders=True)
+    options.check_outputs(*outputs, make_folders=True)
 
     with told_if_slow("loading the package"):
         from nnpp_edge.cli.maps import reads_by_windows

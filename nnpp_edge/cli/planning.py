@@ -51,9 +51,9 @@ def _ends(request: PlanRequest, place: Place) -> "Ends":
     InvalidQueryError for several starts, goals with way points, what lies outside the map, and GPX
     of a map off the Earth.
     """
-    start = request.start.one_cell(place, "--start")
-    goals = [cell for end in request.goals for cell in end.cells(place)]
-    via = [cell for end in request.via for cell in end.cells(place)]
+    start = request.start(place)
+    goals = [end(place) for end in request.goals]
+    via = [end(place) for end in request.via]
     if via and len(goals) != 1:
         raise InvalidQueryError(f"--goal, with --via, must be one place, got {len(goals)}")
     refuse_outside(start, goals, place)

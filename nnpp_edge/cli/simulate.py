@@ -108,7 +108,7 @@ def command(
         whole = robot.made_finer(read if rescale is None else read.rescaled(rescale), "file")
     ends = None
     if start and goal:
-        ends = (start.one_cell(whole, "--start"), goal.one_cell(whole, "--goal"))
+        ends = (start(whole), goal(whole))
     with told_if_slow("preparing the ground"):
         part = part_of_map(whole, size, known.factor if known else 1, robot.body(), seed, ends)
         row, col, rows, cols = part

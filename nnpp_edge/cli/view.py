@@ -67,8 +67,8 @@ def command(
         said = {each: value for each, value in reading if value is not None}
         site = Site.of(read, dem.resolve(), said, given, model)
         asked = Asked(
-            start=start.one_cell(read, "--start") if start else (0, 0),
-            goal=goal.one_cell(read, "--goal") if goal else (0, 0),
+            start=start(read) if start else (0, 0),
+            goal=goal(read) if goal else (0, 0),
             step_cost=robot.step_cost,
             **steps,
             limits=robot.limits(read),

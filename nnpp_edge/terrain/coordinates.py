@@ -79,18 +79,6 @@ def lonlat_of(place: Place, points: Points) -> Points:
     return lonlat_at(place, points)
 
 
-def on_map(place: Place, points: Points, crs: str, source: str) -> tuple[Points, str]:
-    """Map coordinates of points of the layer `source`, and a word on it where its system is not the
-    map's.
-    """
-    own = _system_of(place.georeference, place.source)
-    theirs = _pyproj().CRS.from_user_input(crs)
-    if own.equals(theirs, ignore_axis_order=True):
-        return points, ""
-    moved = _moved(points, theirs, own)
-    return moved, f"{source}: reprojected from {_name_of(theirs)} to {_name_of(own)}"
-
-
 def on_earth(place: Place) -> bool:
     """Whether a map's coordinate system is of the Earth; InvalidQueryError without one."""
     own = _system_of(place.georeference, place.source)

@@ -4,10 +4,9 @@ import json
 from pathlib import Path
 
 import numpy as np
-from pyproj import CRS, Transformer
+from pyproj import CRS
 
 from nnpp_edge.terrain.georeference import Georeference
-from nnpp_edge.terrain.vectors import geopackage_bytes
 
 GRID = "EPSG:3414"  # whose metres are those of the ground, here
 PLACE = Georeference(CRS(GRID).to_wkt(), (2.0, 0.0, 28_000.0, 0.0, -2.0, 39_000.0))
@@ -19,16 +18,6 @@ def rolling(rows=80, cols=90):
     """Heights of rolling ground."""
     row, col = np.mgrid[0:rows, 0:cols]
     return (1.5 * np.sin(row / 7.0) * np.cos(col / 9.0)).astype(np.float32)
-
-
-def layer(path, cells, crs=GRID):
-    """Points in the middles of cells, as a GeoPackage in a system."""
-    move = Transformer.from_crs(GRID, crs, always_xy=True)
-    places = [move.transform(*PLACE.map_coordinates(*cell)) for cell in cells]
-    named = {"type": "name", "properties": {"name": crs}}
-    content = json.dumps({"type": "MultiPoint", "coordinates": places, "crs": named})
-    path.write_bytes(geopackage_bytes("stops", content.encode()))
-    return path
 
 
 def written(path):

@@ -28,7 +28,7 @@ from nnpp_edge.terrain.vehicle_files import load_mobility, load_vehicle
 from nnpp_edge.viz.palette import BODY as OUTLINE
 from nnpp_edge.viz.palette import PAPER, POINT, REFUSED, UNKNOWN
 from nnpp_edge.viz.picture import Tint, tinted
-from tests.cli.grounds import BODY, ENDS, GRID, PLACE, layer, rolling, written
+from tests.cli.grounds import BODY, ENDS, GRID, PLACE, rolling, written
 
 PLAN = f"plan hills.tif {ENDS}"
 MINE = "length_m = 2.2\nwidth_m = 1.6\nclearance_m = 0.4\nmax_step_m = 0.3\n"
@@ -230,15 +230,14 @@ def test_a_leg_that_cannot_be_is_named_and_ends_with_1(run, told, hills):
     assert (found["status"], found["cost"], found["climb_m"]) == ("NO_PATH", None, None)
 
 
-def test_ends_are_places_on_the_map_or_on_the_globe_or_points_of_a_layer(run, told, hills):
+def test_ends_are_places_on_the_map_or_on_the_globe(told, hills):
     cells = [(5, 5), (40, 30), (70, 80)]
     wanted = told(f"{PLAN} --via 40,30")
     move = Transformer.from_crs(GRID, "EPSG:4326", always_xy=True)
     places = [PLACE.map_coordinates(*cell) for cell in cells]
     xy = [f"xy:{x},{y}" for x, y in places]
     lonlat = ["lonlat:{:.9f},{:.9f}".format(*move.transform(x, y)) for x, y in places]
-    layers = [f"{layer(Path(f'{at}.gpkg'), [cell])}:stops" for at, cell in enumerate(cells)]
-    for start, via, goal in (xy, lonlat, layers):
+    for start, via, goal in (xy, lonlat):
         found = told(f"plan hills.tif --start {start} --via {via} --goal {goal}")
         assert (found["start"], found["via"]["stops"][1], found["goal"]) == (
             [5, 5],
@@ -246,12 +245,6 @@ def test_ends_are_places_on_the_map_or_on_the_globe_or_points_of_a_layer(run, to
             [70, 80],
         )
         assert found["cost"] == wanted["cost"]
-    layer(Path("stops.gpkg"), [(60, 70), (12, 30)], crs="EPSG:4326")
-    ended = run(f"{PLAN} --via stops.gpkg --json")
-    assert ended.err == "stops.gpkg: reprojected from WGS 84 to SVY21 / Singapore TM\n"
-    assert ended.json["via"]["stops"] == [[5, 5], [60, 70], [12, 30], [70, 80]]
-    goals = told("plan hills.tif --start 5,5 --goal stops.gpkg")
-    assert goals["goal"] == [12, 30] and len(goals["goals"]) == 2
 
 
 def test_a_map_read_by_windows_has_the_same_numbers_and_tours(told, hills):
