@@ -284,11 +284,6 @@ Rescale = Annotated[
     "Judge cells as if they were this many metres wide with heights scaled alike: slopes stay, "
     "roughness and steps change.",
 ]
-Resample = Annotated[
-    float | None,
-    "Make cells finer, this many metres wide, with heights interpolated between the map's. That "
-    "adds no detail, but a vehicle may stand and step between the cells.",
-]
 TerrainFiles = Annotated[tuple[Path, ...], MAP, MANY, "Elevation file. May be repeated."]
 StepCost = Annotated[
     str,

@@ -10,7 +10,7 @@ from statistics import median
 
 import numpy as np
 
-from nnpp_edge.cli.ground_options import GroundOptions, TerrainOptions
+from nnpp_edge.cli.ground_options import GroundOptions
 from nnpp_edge.cli.maps import (
     chart_of,
     filed,
@@ -80,7 +80,7 @@ def _read(request: PlanRequest, path: Path, robot: GroundOptions, large: bool) -
         except TerrainError:  # of a format that is read as a whole
             if large:
                 raise
-            whole = TerrainOptions.read(robot, path)
+            whole = robot.read(path)
         start, via, goals = ends = _ends(request, whole)
         if large and isinstance(whole, DemWindows):
             return filed(whole), ends
@@ -89,8 +89,7 @@ def _read(request: PlanRequest, path: Path, robot: GroundOptions, large: bool) -
         crop = request.crop or 0.0
         up, left = (math.ceil(min(crop / side, 1e9)) for side in sides)
         row, col, rows, cols = part = widened(around, (up, left), whole.shape)
-        cut = part_of(whole, part)
-    dem = robot.made_finer(cut, "part")
+        dem = part_of(whole, part)
     warnings.warn(
         f"cut out {rows} × {cols} cells: cell (row, col) of the file is now (row - {row}, "
         f"col - {col}); xy:X,Y is the same place on both maps",
@@ -98,7 +97,7 @@ def _read(request: PlanRequest, path: Path, robot: GroundOptions, large: bool) -
     )
 
     def moved(cells: list[Cell]) -> list[Cell]:
-        return [dem.cell_of(*whole.located.map_coordinates(*cell)) for cell in cells]
+        return [(down - row, across - col) for down, across in cells]
 
     return dem, (moved([start])[0], moved(via), moved(goals))
 
@@ -221,7 +220,6 @@ def _check_large(
         "--compare": request.compare,
         "--refine": "refine" in query,
         "--start-heading, --goal-heading": any(name.endswith("_deg") for name in query),
-        "--resample": robot.resample is not None,
     }
     if wrong := [name for name, asked in unfit.items() if asked]:
         raise InvalidQueryError(

@@ -62,9 +62,7 @@ def command(
         read = robot.read(dem)
         robot.warn_if_coarse(read)
         given = _given_body(robot, read)
-        names = ("cell_size", "resample")
-        reading = [(each, getattr(robot, each)) for each in names]
-        said = {each: value for each, value in reading if value is not None}
+        said = {} if robot.cell_size is None else {"cell_size": robot.cell_size}
         site = Site.of(read, dem.resolve(), said, given, model)
         asked = Asked(
             start=start(read) if start else (0, 0),

@@ -14,7 +14,6 @@ import numpy as np
 from nnpp_edge.runtime.arrays import Float2D, Float32s, unmasked
 from nnpp_edge.runtime.cells import Rectangle, Shape, slices
 from nnpp_edge.runtime.errors import InvalidQueryError, TerrainError
-from nnpp_edge.runtime.map.along import heights_at
 from nnpp_edge.runtime.reading import problem_with_file, refused_as
 from nnpp_edge.terrain.array_files import check_grid, known_heights, metres, read_arrays
 from nnpp_edge.terrain.coordinates import cell_on_ground
@@ -79,47 +78,6 @@ class Dem(Place):
             cell_width_m=width,
             georeference=None,
         )
-
-    def resampled(self, cell_size_m: float) -> "Dem":
-        """This terrain in finer cells, of heights that are bilinear between the middles of its own.
-
-        The first cell keeps its middle; the last one's is no farther than this map's last. Unknown
-        where one of these heights is. InvalidQueryError where the cells would not be smaller, or
-        more than `MOST_RESAMPLED`.
-        """
-        share = cell_size_m / self.cell_size_m
-        rows, cols = self.shape
-        if finer := 0.0 < share < 1.0:
-            rows, cols = (int(min((cells - 1) / share, 1e9) + 1e-6) + 1 for cells in self.shape)
-        if not finer or rows * cols > MOST_RESAMPLED:
-            raise InvalidQueryError(
-                f"{self.source}: wanted finer cells, below {self.cell_size_m:g} m and at most "
-                f"{MOST_RESAMPLED} of "
-                f"them, got {rows} × {cols} cells of {cell_size_m:g} m"
-            )
-        heights = np.empty((rows, cols), np.float32)
-        points = np.zeros((cols, 2))
-        points[:, 1] = share * np.arange(cols)
-        for row in range(rows):
-            points[:, 0] = share * row
-            heights[row] = heights_at(self.elevation, points)
-        place = self.georeference
-        if place is not None:
-            a, b, _, d, e, _ = place.transform
-            x, y = place.map_coordinates(-0.5 * share, -0.5 * share)
-            place = Georeference(place.crs, (a * share, b * share, x, d * share, e * share, y))
-        width = self.cell_width_m * share
-        return replace(
-            self,
-            elevation=heights,
-            cell_size_m=float(cell_size_m),
-            cell_width_m=width,
-            georeference=place,
-        )
-
-
-MOST_RESAMPLED = 1 << 22
-"""Cells of a map that is made finer, at most."""
 
 
 def read_dem(path: Path | str, cell_size_m: float | None = None) -> Dem:

@@ -106,10 +106,14 @@ def test_all_outputs_say_the_same_numbers(run, told, hills, body):
     ("body", "side_m", "words"),
     [
         ("small-rover", 1.4, "; too coarse to check it, take a finer map"),
-        ("small-rover", 0.3, "--resample 0.11 checks"),
-        ("large-rover", 1.0, "--resample 0.5 checks"),
-        ("tracked", 0.9, "--resample 0.17 checks"),
-        ("mine.toml", 1.0, "; --resample 0.37 checks"),
+        ("small-rover", 0.3, "cells of 0.11 m (gdalwarp"),
+        ("large-rover", 1.0, "cells of 0.5 m (gdalwarp"),
+        ("tracked", 0.9, "cells of 0.17 m (gdalwarp"),
+        (
+            "mine.toml",
+            1.0,
+            "; cells of 0.37 m (gdalwarp -r bilinear -tr) let it be checked between",
+        ),
     ],
 )
 def test_a_warning_says_where_cells_are_coarse_for_a_body(run, body, side_m, words):
@@ -117,19 +121,6 @@ def test_a_warning_says_where_cells_are_coarse_for_a_body(run, body, side_m, wor
     np.savez("flat.npz", elevation_m=np.zeros((60, 60), np.float32), cell_size_m=side_m)
     told = run(f"plan flat.npz --start 12,12 --goal 48,48 --vehicle {body}").err
     assert words in told and "a kerb is taken for a ramp" in told
-
-
-def test_a_resampling_that_is_advised_is_accepted(run):
-    Path("mine.toml").write_text(MINE)
-    for shape, cells, advice in (
-        ((1000, 1000), {"cell_size_m": 1.0}, "--resample 0.51"),
-        ((80, 90), {"cell_size_m": 0.5, "cell_width_m": 1.0}, "--resample 0.18"),
-    ):
-        np.savez("flat.npz", elevation_m=np.zeros(shape, np.float32), **cells)
-        words = "plan flat.npz --start 20,20 --goal 25,30 --vehicle mine.toml --method astar"
-        assert f"; {advice} checks" in run(words).err
-        ended = run(f"{words} {advice}")
-        assert ended.code == 0 and "coarse" not in ended.err
 
 
 def test_a_path_leads_by_way_of_places_in_the_order_given_or_in_the_best(run, told, hills):
@@ -185,8 +176,6 @@ def test_a_part_around_the_ends_has_the_same_path_in_the_same_place(run, told, h
     assert ended.json["cost"] == whole["cost"] and written("out/path.geojson")["geometry"] == line
     arrays = told(words.format("hills.npz"), "--crop", "30")
     assert arrays["cost"] == whole["cost"]
-    finer = told(words.format("hills.tif"), "--crop", "10", "--resample", "1")
-    assert (finer["cell_size_m"], finer["start"]) == (1.0, [10, 10])
     everything = told(words.format("hills.tif"), "--crop", "1e6")
     assert (everything["rows"], everything["start"]) == (80, [20, 20])
 
@@ -324,7 +313,9 @@ def test_way_points_are_told_with_their_headings_and_curvatures(run, told, hills
 def test_a_radius_that_no_arc_between_cells_has_is_warned_of(run, hills):
     words = f"{PLAN} {BODY} --set turning_radius_m={{}}"
     told = run(words.format(6)).err
-    assert "cells of 2 m have a radius of at least 8.47 m, not 6 m: --resample 1.5 comes" in told
+    assert (
+        "cells of 2 m have a radius of at least 8.47 m, not 6 m: cells of 1.5 m (gdalwarp" in told
+    )
     assert 6.0 < sharpest_m(6.0, (1.5, 1.5)) < 6.6
     assert "arcs that" not in run(words.format(8)).err
 

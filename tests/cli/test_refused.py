@@ -77,9 +77,6 @@ $BODY --start 24,25                            | ; the nearest cell where it can
 plan hill.npz --start 10,10 --goal 24,25 --vehicle small-rover | goal (24, 25) is impassable: in any heading
 $BODY --start 0,0                              | start (0, 0) is impassable: in any heading unknown ground
 $BODY --start 60,0                             | lies outside the map
-$PLAN --resample 2                             | finer cells, below 2 m and at most 4194304 of them, got
-$PLAN --resample 0.001                         | finer cells, below 2 m and at most 4194304 of them, got
-$SMALL --resample 1                            | --resample needs the whole map in memory
 $SMALL --vehicle small-rover                   | in memory alone
 $SMALL --method astar                          | --method astar needs the whole map
 $SMALL --compare                               | --compare needs the whole map

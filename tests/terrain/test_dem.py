@@ -405,30 +405,6 @@ def test_rescaling_keeps_every_slope(cell_size_m):
     np.testing.assert_array_equal(dem.elevation, HEIGHTS)
 
 
-def test_finer_cells_have_bilinear_heights_at_the_same_places_of_the_map():
-    row, col = np.mgrid[0:9, 0:12].astype(np.float32)
-    heights = 3.0 * row - 2.0 * col + row * col
-    place = Georeference(None, tuple(turned(30.0, 2.0, 1.0))[:6])
-    heights[8, 11] = np.nan
-    dem = Dem(heights, 2.0, 1.0, place, Path("made.tif"))
-    finer = dem.resampled(0.5)
-    assert finer.shape == (33, 45) and (finer.cell_size_m, finer.cell_width_m) == (0.5, 0.25)
-    y, x = np.mgrid[0:33, 0:45] / 4.0
-    assert np.array_equal(np.isnan(finer.elevation), (y > 7.0) & (x > 10.0))
-    known = ~np.isnan(finer.elevation)
-    np.testing.assert_allclose(
-        finer.elevation[known],
-        (3.0 * y - 2.0 * x + y * x)[known],
-        rtol=1e-6,
-        atol=1e-5,
-    )
-    assert finer.map_coordinates(20, 12) == pytest.approx(dem.map_coordinates(5, 3), rel=1e-12)
-    assert dem.resampled(0.6).shape == (27, 37)
-    for cell_size_m in (2.0, 1e-3, math.nan, 1e-320):
-        with pytest.raises(InvalidQueryError, match=r"made.tif: wanted finer cells"):
-            dem.resampled(cell_size_m)
-
-
 @given(
     st.integers(-50, 5000),
     st.integers(-50, 5000),
@@ -447,7 +423,6 @@ def test_every_point_of_a_cell_belongs_to_it(row, col, angle, sides, inset):
 def test_map_coordinates_are_finite_and_without_a_georeference_metres_from_the_first_cell():
     dem = dem_of()
     assert dem.map_coordinates(5, 4) == (16.0, 25.0) and dem.cell_of(17.9, 27.4) == (5, 4)
-    assert dem.resampled(0.5).cell_of(16.0, 25.0) == (50, 40)
     with pytest.raises(InvalidQueryError, match=r"must be finite"):
         dem_of(georeference=Georeference(None, (1, 0, 0, 0, -1, 0))).cell_of(math.nan, 0)
 
