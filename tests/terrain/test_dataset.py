@@ -36,7 +36,7 @@ def assert_same(one, other):
 def whole(tmp_path_factory):
     """The folder of a data set made by `RECIPE`."""
     folder = tmp_path_factory.mktemp("whole")
-    make_dataset(RECIPE, folder, workers=2)
+    make_dataset(RECIPE, folder, workers=1)
     return folder
 
 

@@ -15,17 +15,14 @@ from rasterio import Affine
 from nnpp_edge.runtime.errors import TerrainError
 from nnpp_edge.terrain.dem import read_dem
 from tests.strategies import flat, uniform
+from tests.terrain.test_dem import geotiff
 
 HEIGHTS = uniform(4, (6, 9), 1, 90)
 PLACE = {"transform": Affine(5, 0, 28e3, 0, -5, 39e3), "crs": "EPSG:3414"}
 
 
-def raster(path, heights=HEIGHTS, driver="GTiff", **profile):
-    rows, cols = heights.shape
-    shape = {"height": rows, "width": cols, "count": 1, "dtype": heights.dtype}
-    with rasterio.open(path, "w", driver=driver, **shape, **PLACE, **profile) as dataset:
-        dataset.write(heights, 1)
-    return path
+def raster(path, heights=HEIGHTS, **profile):
+    return geotiff(path, heights, **PLACE, **profile)
 
 
 def vrt(source):
