@@ -29,9 +29,9 @@ from nnpp_edge.runtime.terrain.traversability import (
 )
 from nnpp_edge.terrain import dem as dems
 from nnpp_edge.terrain.coordinates import lonlat_corners
-from nnpp_edge.terrain.dem import Dem, DemWindows
+from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.georeference import Place
-from nnpp_edge.terrain.rasters import READ_IN_METRES
+from nnpp_edge.terrain.rasters import READ_IN_METRES, Raster
 from nnpp_edge.viz.picture import Chart
 
 _MOST_UNEQUAL_SIDES = 0.05
@@ -113,15 +113,14 @@ def _bytes(count: float) -> str:
     return f"{count / 1e9:.1f} GB" if count >= 1e9 else f"{count / 1e6:.1f} MB"
 
 
-def filed(ground: DemWindows) -> Dem:
+def filed(ground: Raster) -> Dem:
     """A map whose heights lie in a temporary file."""
     heights = filed_zeros(ground.shape, np.float32)
     with bar("rows of the map", ground.shape[0]) as advance:
         for part in ground.bands():
             heights[slices(part)] = ground.read(part)
             advance(part[0] + part[2])
-    sides = (ground.cell_size_m, ground.cell_width_m)
-    return Dem(heights, *sides, ground.georeference, ground.source)
+    return Dem(heights, *ground.sides_m, ground.georeference, ground.source)
 
 
 def refuse_map(place: Place) -> NoReturn:

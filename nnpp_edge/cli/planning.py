@@ -34,8 +34,9 @@ from nnpp_edge.runtime.planners.query import problem_with
 from nnpp_edge.runtime.planners.tour import Tour
 from nnpp_edge.runtime.tuning import LARGE_MAP
 from nnpp_edge.terrain.coordinates import lonlat_of
-from nnpp_edge.terrain.dem import Dem, DemWindows, open_dem, part_of
+from nnpp_edge.terrain.dem import Dem, open_dem, part_of
 from nnpp_edge.terrain.georeference import Place
+from nnpp_edge.terrain.rasters import Raster
 from nnpp_edge.terrain.route import Route, places_of
 from nnpp_edge.viz.picture import Chart, Reached, body_outlines, plan_picture, refused_on
 from nnpp_edge.viz.sheet import Picture
@@ -74,7 +75,7 @@ def _read(request: PlanRequest, path: Path, robot: GroundOptions, large: bool) -
         dem = robot.read(path)
         return dem, _ends(request, dem)
     with ExitStack() as stack:
-        whole: Dem | DemWindows
+        whole: Dem | Raster
         try:
             whole = stack.enter_context(open_dem(path, robot.cell_size))
         except TerrainError:  # of a format that is read as a whole
@@ -82,7 +83,7 @@ def _read(request: PlanRequest, path: Path, robot: GroundOptions, large: bool) -
                 raise
             whole = robot.read(path)
         start, via, goals = ends = _ends(request, whole)
-        if large and isinstance(whole, DemWindows):
+        if large and isinstance(whole, Raster):
             return filed(whole), ends
         around = holding(np.clip([start, *via, *goals], 0, np.subtract(whole.shape, 1)))
         sides = (whole.cell_size_m, whole.cell_width_m)

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nnpp_edge.runtime.errors import InvalidQueryError, TerrainError, optional_module
-from nnpp_edge.terrain.georeference import Georeference, Place, Sides
+from nnpp_edge.terrain.georeference import Georeference, Place, Sides, check_sides
 
 if TYPE_CHECKING:
     from pyproj import CRS, Transformer
@@ -99,6 +99,27 @@ def gravity_of(place: Place) -> float | None:
         if abs(axis / radius - 1.0) < _SAME_BODY:
             return gravity
     return None
+
+
+def cell_sides(
+    path: Path,
+    shape: tuple[int, ...],
+    cell: Sides | None,
+    place: Georeference | None,
+    wanted: float | None,
+) -> Sides:
+    """A cell's (size, width): the file's or its ground's, or of the size that was asked for;
+    TerrainError without.
+    """
+    if cell is None and place is not None:
+        cell = cell_on_ground(path, place, shape, warn=wanted is None)
+    if cell is not None:
+        check_sides(path, *cell)
+    if wanted is not None:
+        return wanted, wanted * cell[1] / cell[0] if cell else wanted
+    if cell is None:
+        raise TerrainError(f"{path}: no cell size in the file; give it with --cell-size METRES")
+    return float(cell[0]), float(cell[1])
 
 
 def cell_on_ground(

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import rasterio.shutil
 
-from nnpp_edge.terrain import dem as dems
+from nnpp_edge.terrain import rasters
 from nnpp_edge.terrain.synthetic import synthetic_terrain
 from tests.strategies import flat
 from tests.terrain.test_dem import geotiff
@@ -69,7 +69,7 @@ def test_a_broken_cog_is_one_line_and_nothing_half_written(run, ground):
 
 
 def test_a_raster_stored_as_one_block_is_not_read_by_windows(run, ground, monkeypatch):
-    monkeypatch.setattr(dems, "_MOST_BLOCK_BYTES", 200_000)
+    monkeypatch.setattr(rasters, "_MOST_BLOCK_BYTES", 200_000)
     geotiff("one.tif", flat(300, 400), blockysize=300, compress="deflate", crs="EPSG:32615")
     run(f"plan one.tif {ENDS} {SMALL}").refused(
         "stored in blocks of 300 × 400 cells", "gdal_translate -of COG"
