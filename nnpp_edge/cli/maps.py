@@ -134,12 +134,12 @@ def refuse_map(place: Place) -> NoReturn:
     )
 
 
-def refuse_outside(start: Cell, goals: list[Cell], place: Place) -> None:
-    """InvalidQueryError where the start, or every goal, lies outside the map."""
+def refuse_outside(start: Cell, goal: Cell, place: Place) -> None:
+    """InvalidQueryError where the start or the goal lies outside the map."""
     rows, cols = place.shape
-    for status, cells in ((Status.START_OUTSIDE_MAP, [start]), (Status.GOAL_OUTSIDE_MAP, goals)):
-        if not any(0 <= row < rows and 0 <= col < cols for row, col in cells):
-            _refuse(status, _outside(status, cells[0], place))
+    for status, cell in ((Status.START_OUTSIDE_MAP, start), (Status.GOAL_OUTSIDE_MAP, goal)):
+        if not (0 <= cell[0] < rows and 0 <= cell[1] < cols):
+            _refuse(status, _outside(status, cell, place))
 
 
 def refuse(

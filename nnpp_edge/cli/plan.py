@@ -42,11 +42,11 @@ def command(
     """Plan a path over the elevation map DEM, a file or sample:NAME (such as moon_highlands or
     mars_victoria).
 
-    Give start and goal as cells, in the map's coordinates, or as longitude and latitude. With
-    several goals a path to each is planned, and the cheapest is used. The time shown includes the
-    stages `kernels`, loading compiled code, and `load`, waiting for the network, whose file is
-    opened meanwhile; with --compare and --time-limit these are loaded first. Exit codes: 0 for a
-    path, 1 for NO_PATH or TIMEOUT, 2 where start or goal lies outside the map or is impassable.
+    Give start and goal as cells, in the map's coordinates, or as longitude and latitude. The time
+    shown includes the stages `kernels`, loading compiled code, and `load`, waiting for the network,
+    whose file is opened meanwhile; with --compare and --time-limit these are loaded first. Exit
+    codes: 0 for a path, 1 for NO_PATH or TIMEOUT, 2 where start or goal lies outside the map or is
+    impassable.
 
     A limit of slope is on the plane through a cell and its eight neighbours, not on a single step
     from cell to cell: a warning counts the steps of the path that are steeper.

@@ -57,9 +57,7 @@ class PlanRequest:
     """Between which places `plan` plans, and what it shows beside the path."""
 
     start: Start
-    goals: Annotated[
-        tuple[End, ...], "--goal", PLACE, MANY, "As --start; of several, the nearest is used."
-    ]
+    goal: Annotated[End, PLACE, "As --start."]
     via: Annotated[tuple[End, ...], PLACE, MANY, "Pass through this place."] = ()
     best_order: Annotated[bool, "Visit the places of --via, 12 at most, in the cheapest order."] = (
         False

@@ -46,7 +46,6 @@ $PLAN --model text.txt --method nnpp           | text.txt: wanted an ONNX model
 $PLAN --via 20,86                              | via 1, (20, 86), is impassable
 $PLAN --via 1,1 --via 80,3                     | via 2, (80, 3), lies outside the map
 $PLAN --best-order                             | --best-order orders the places of --via
-$PLAN --goal 1,1 --via 3,3                     | --goal, with --via, must be one place, got 2
 $PLAN --step-cost energy                       | with mass_kg and rolling_resistance, such as the shipped vehicles
 $PLAN --step-cost energy                       | step_cost='energy' needs a table [mobility.energy]
 $PLAN --step-cost time --mobility mine.toml    | needs a table [mobility.time]
