@@ -164,25 +164,22 @@ def test_maps_of_any_shape_are_drawn(shape):
 
 
 @pytest.mark.parametrize("vehicle", [Vehicle(2.0, 1.0, 0.3), Vehicle(radius_m=0.7)])
-@pytest.mark.parametrize("sides", [(0.5, 0.5), (0.5, 0.25)])
 @pytest.mark.parametrize("step", [(0, 1), (1, 0), (-1, 1)])
-def test_bodies_lie_along_the_path_and_point_ahead(vehicle, sides, step):
+def test_bodies_lie_along_the_path_and_point_ahead(vehicle, step):
+    sides = np.array((0.5, 0.25))
     path = np.add(np.outer(np.arange(60), step), (70, 10))
+    ahead = step * sides / np.hypot(*(step * sides))
+    half_m = np.array((1.0, 0.5) if vehicle.radius_m is None else (0.7, 0.7))
     outlines = body_outlines(path, vehicle, sides)
     assert len(outlines) > 3
-    long, wide = (2.0, 1.0) if vehicle.radius_m is None else (1.4, 1.4)
-    metres = step * np.array(sides)
-    ahead = metres / np.hypot(*metres)
     for outline in outlines:
-        front, *_, middle = (outline - outline[-1]) * sides
-        around = (outline[:-1] - outline[-1]) * sides
-        np.testing.assert_allclose(front - middle, ahead * long / 2.0, atol=1e-9)
-        np.testing.assert_allclose(np.abs(around @ ahead).max(), long / 2.0)
-        left = (-ahead[1], ahead[0])
-        np.testing.assert_allclose(np.abs(around @ left).max(), wide / 2.0)
-    backwards = np.full(60, np.degrees(np.arctan2(metres[1], -metres[0])) + 180.0)
-    front, *_, middle = body_outlines(path, vehicle, sides, backwards)[0] * sides
-    np.testing.assert_allclose(front - middle, -ahead * long / 2.0, atol=1e-9)
+        around = (outline - outline[-1]) * sides
+        np.testing.assert_allclose(around[0], ahead * half_m[0], atol=1e-9)
+        frame = np.array([ahead, (-ahead[1], ahead[0])])
+        np.testing.assert_allclose(np.abs(around @ frame.T).max(0), half_m)
+    backwards = np.full(60, np.degrees(np.arctan2(ahead[1], -ahead[0])) + 180.0)
+    outline = body_outlines(path, vehicle, sides, backwards)[0] * sides
+    np.testing.assert_allclose(outline[0] - outline[-1], -ahead * half_m[0], atol=1e-9)
     assert body_outlines(path[:1], vehicle, sides) == []
 
 
