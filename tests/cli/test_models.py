@@ -22,28 +22,17 @@ def model(make_tiny_model):
     )
 
 
-def test_the_list_says_what_each_shipped_model_is_for(nnpp_edge):
-    ended = nnpp_edge("models")
-    assert (ended.code, ended.err) == (0, "")
-    rows = {line.split()[0]: line for line in ended.out.splitlines() if line.strip()}
-    listed = nnpp_edge("models", "--json").json
-    assert [told["name"] for told in listed] == SHIPPED
-    for told in listed:
-        content = (MODELS / f"{told['name']}.onnx").read_bytes()
-        assert (told["size_bytes"], told["sha256"]) == (
-            len(content),
-            hashlib.sha256(content).hexdigest(),
-        )
-        assert "card" not in told and told["purpose"]
-        for word in (
-            told["purpose"],
-            told["metadata"]["precision"],
-            f"{len(content) / 1e6:.2f}",
-            told["sha256"][:8],
-        ):
-            assert word in rows[told["name"]]
-    edge = next(told for told in listed if told["name"] == "edge")
-    assert edge["metadata"]["precision"] == "int8"
+def test_the_list_says_what_each_shipped_model_is_for(run, told):
+    rows = {line.split()[0]: line for line in run("models").out.splitlines() if line.strip()}
+    listed = {each["name"]: each for each in told("models")}
+    assert list(listed) == SHIPPED
+    for name, each in listed.items():
+        digest = hashlib.sha256((MODELS / f"{name}.onnx").read_bytes()).hexdigest()
+        assert each["sha256"] == digest and "card" not in each
+        size = f"{each['size_bytes'] / 1e6:.2f}"
+        for word in (each["purpose"], each["metadata"]["precision"], size, digest[:8]):
+            assert word in rows[name]
+    assert listed["edge"]["metadata"]["precision"] == "int8"
 
 
 def stages(training):
