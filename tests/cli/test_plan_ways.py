@@ -21,15 +21,13 @@ from nnpp_edge.runtime.arrays import curvatures
 from nnpp_edge.runtime.kernels.poses import REFUSALS
 from nnpp_edge.runtime.map.along import Numbers
 from nnpp_edge.runtime.robots.body.primitives import sharpest_m
-from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.facts import duration, work
-from nnpp_edge.terrain.georeference import Georeference
-from nnpp_edge.terrain.rasters import raster_bytes
 from nnpp_edge.terrain.vehicle_files import load_mobility, load_vehicle
 from nnpp_edge.viz.palette import BODY as OUTLINE
 from nnpp_edge.viz.palette import PAPER, POINT, REFUSED, UNKNOWN
 from nnpp_edge.viz.picture import Tint, tinted
-from tests.cli.grounds import BODY, ENDS, GRID, PLACE, rolling, written
+from tests.cli.grounds import BODY, ENDS, GRID, PLACE, rolling, with_a_hill, written
+from tests.terrain.test_dem import geotiff
 
 PLAN = f"plan hills.tif {ENDS}"
 MINE = "length_m = 2.2\nwidth_m = 1.6\nclearance_m = 0.4\nmax_step_m = 0.3\n"
@@ -41,15 +39,11 @@ def rows_of(path):
 
 @pytest.fixture
 def hill(run):
-    """hill.npz has a hill, wall.npz a wall too; own.toml is a vehicle that is small there."""
-    heights = (0.02 * np.random.default_rng(0).random((60, 60))).astype(np.float32)
-    heights[18:30, 20:30] += np.arange(12, dtype=np.float32)[:, None] * np.float32(0.4)
+    """hill.npz has a hill, wall.npz a wall too."""
+    heights = with_a_hill()
     np.savez("hill.npz", elevation_m=heights, cell_size_m=0.25)
-    walled = heights.copy()
-    walled[:, 30:32] = 5.0
-    np.savez("wall.npz", elevation_m=walled, cell_size_m=0.25)
-    Path("own.toml").write_text("length_m = 1.0\nwidth_m = 0.8\nclearance_m = 0.3\n")
-    return heights
+    heights[:, 30:32] = 5.0
+    np.savez("wall.npz", elevation_m=heights, cell_size_m=0.25)
 
 
 @pytest.mark.parametrize("body", ["", BODY])
@@ -178,12 +172,8 @@ def test_a_part_around_the_ends_has_the_same_path_in_the_same_place(run, told, h
     assert (everything["rows"], everything["start"]) == (80, [20, 20])
 
 
-def test_a_time_is_told_by_a_walker_that_is_asked_for_or_by_a_vehicles_speeds(run, told, tmp_path):
-    moon = Georeference("ESRI:103878", (2.0, 0.0, 0.0, 0.0, -2.0, 0.0))
-    heights = rolling()
-    Path("moon.tif").write_bytes(
-        raster_bytes(tmp_path, heights, Dem(heights, 2.0, 2.0, moon, tmp_path))
-    )
+def test_a_time_is_told_by_a_walker_that_is_asked_for_or_by_a_vehicles_speeds(run, told):
+    geotiff("moon.tif", rolling(), crs="ESRI:103878")
     words = f"plan moon.tif {ENDS}"
     assert told(words)["time_s"] is None and "on foot" not in run(words).out
     assert told(f"{words} --step-cost tobler")["time_s"] > 0.0

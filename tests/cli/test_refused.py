@@ -7,11 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rasterio import Affine
 
-from nnpp_edge.terrain.dem import Dem
-from nnpp_edge.terrain.rasters import raster_bytes
-from tests.cli.grounds import PLACE
+from tests.cli.grounds import LAID, with_a_hill
+from tests.terrain.test_dem import geotiff
 
+pytestmark = pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
 ENERGY = "[mobility.energy]\nmass_kg = 50\nrolling_resistance = 0.1\n"
 SHORT = {
     "$PLAN": "plan hills.tif --start 5,5 --goal 70,80",
@@ -204,17 +205,13 @@ run --map hills.npz --model text.txt --log text.txt | would replace | which is r
 def place(run, hills, tmp_path):
     """A folder of inputs of all kinds, in which commands run."""
     cliff = 50.0 * np.arange(90.0)
-    for name, more, where in (("nothing", cliff, PLACE), ("bare", 0.0, None)):
-        heights = (hills + more).astype(np.float32)
-        ground = Dem(hills, 2.0, 2.0, where, tmp_path)
-        Path(f"{name}.tif").write_bytes(raster_bytes(tmp_path, heights, ground))
+    geotiff("nothing.tif", (hills + cliff).astype(np.float32), **LAID)
+    geotiff("bare.tif", hills, transform=Affine.identity())
     rows = "\n".join(" ".join(["0.0"] * 90) for _ in range(80))
     Path("grid.asc").write_text(
         f"ncols 90\nnrows 80\nxllcorner 0\nyllcorner 0\ncellsize 2\n{rows}\n"
     )
-    small = (0.02 * np.random.default_rng(0).random((60, 60))).astype(np.float32)
-    small[18:30, 20:30] += np.arange(12, dtype=np.float32)[:, None] * np.float32(0.4)
-    np.savez("hill.npz", elevation_m=small, cell_size_m=0.25)
+    np.savez("hill.npz", elevation_m=with_a_hill(), cell_size_m=0.25)
     np.savez("cost.npz", cost=np.full((60, 60), 0.2, np.float32), cell_size_m=0.25)
     Path("drive.mcap").write_bytes(b"\x89MCAP0\r\n" * 20)
     Path("set").mkdir()
