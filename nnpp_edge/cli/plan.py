@@ -68,9 +68,7 @@ def command(
         module, extra = FORMATS[name]
         optional_module(module, f"--format {name}", extra)
     names = [*_FILES, *(f"path.{name}" for name in dict.fromkeys(request.formats))]
-    paths = [] if output is None else [output / name for name in names]
-    outputs = [("--output", path) for path in paths]
-    options.check_outputs(*outputs, make_folders=True)
+    paths = options.files_in(output, names)
 
     with told_if_slow("loading the package"):
         from nnpp_edge.cli.maps import reads_by_windows

@@ -96,9 +96,7 @@ def command(
     measure, most = _limit(robot, cost=within_cost, time=within_time, energy=within_energy)
     if output is not None:
         optional_module("rasterio", "--output", "geo")
-    paths = [] if output is None else [output / name for name in _FILES]
-    outputs = [("--output", path) for path in paths]
-    options.check_outputs(*outputs, make_folders=True)
+    paths = options.files_in(output, _FILES)
 
     from dataclasses import replace
 
