@@ -27,7 +27,6 @@ from nnpp_edge.viz.palette import BODY as OUTLINE
 from nnpp_edge.viz.palette import PAPER, POINT, REFUSED, UNKNOWN
 from nnpp_edge.viz.picture import Tint, tinted
 from tests.cli.grounds import BODY, ENDS, GRID, PLACE, rolling, with_a_hill, written
-from tests.terrain.test_dem import geotiff
 
 PLAN = f"plan hills.tif {ENDS}"
 MINE = "length_m = 2.2\nwidth_m = 1.6\nclearance_m = 0.4\nmax_step_m = 0.3\n"
@@ -170,17 +169,6 @@ def test_a_part_around_the_ends_has_the_same_path_in_the_same_place(run, told, h
     assert told(words.format("hills.npz"), "--crop", "30")["cost"] == whole["cost"]
     everything = told(words.format("hills.tif"), "--crop", "1e6")
     assert (everything["rows"], everything["start"]) == (80, [20, 20])
-
-
-def test_a_time_is_told_by_a_walker_that_is_asked_for_or_by_a_vehicles_speeds(run, told):
-    geotiff("moon.tif", rolling(), crs="ESRI:103878")
-    words = f"plan moon.tif {ENDS}"
-    assert told(words)["time_s"] is None and "on foot" not in run(words).out
-    assert told(f"{words} --step-cost tobler")["time_s"] > 0.0
-    assert "at the vehicle's speeds" in run(f"{words} {BODY}").out
-    run("reach moon.tif --start 5,5 --within-time 5min").refused("--step-cost tobler")
-    asked = run("reach moon.tif --start 5,5 --within-time 5min --step-cost tobler")
-    assert "speeds" in asked.out and "of a walker, by Tobler's function" in asked.out
 
 
 def test_long_times_are_told_in_days_and_energies_in_kilowatt_hours():
