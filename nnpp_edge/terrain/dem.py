@@ -16,8 +16,7 @@ from nnpp_edge.runtime.cells import Rectangle, Shape, slices
 from nnpp_edge.runtime.errors import InvalidQueryError, TerrainError
 from nnpp_edge.runtime.reading import problem_with_file, refused_as
 from nnpp_edge.terrain.array_files import check_grid, known_heights, metres, read_arrays
-from nnpp_edge.terrain.coordinates import cell_sides
-from nnpp_edge.terrain.georeference import Georeference, Place
+from nnpp_edge.terrain.georeference import Georeference, Place, cell_sides
 from nnpp_edge.terrain.rasters import Raster, opened_raster
 
 ARRAY_ENDINGS = (".npy", ".npz")
@@ -116,7 +115,7 @@ def read_dem(path: Path | str, cell_size_m: float | None = None) -> Dem:
     with checked_file(path):
         if path.suffix.lower() in ARRAY_ENDINGS:
             elevation, cell, place = read_arrays(path)
-            sides = cell_sides(path, elevation.shape, cell, place, cell_size_m)
+            sides = cell_sides(path, cell, cell_size_m)
             return Dem(known_heights(elevation), *sides, place, path)
         with opened_raster(path) as dataset:
             raster = Raster(path, dataset, cell_size_m)

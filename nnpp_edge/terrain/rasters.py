@@ -26,9 +26,9 @@ from nnpp_edge.runtime.errors import OutputError, TerrainError, optional_module,
 from nnpp_edge.runtime.reading import refused_as
 from nnpp_edge.runtime.tuning import THREADS_FROM
 from nnpp_edge.terrain.array_files import check_room, known_heights, metres
-from nnpp_edge.terrain.coordinates import cell_sides
+from nnpp_edge.terrain.coordinates import cell_on_ground
 from nnpp_edge.terrain.gdal_files import DRIVERS, FORMATS, NO_NETWORK, openable
-from nnpp_edge.terrain.georeference import Georeference, Place
+from nnpp_edge.terrain.georeference import Georeference, Place, cell_sides
 
 if TYPE_CHECKING:
     from rasterio.io import DatasetReader
@@ -89,7 +89,8 @@ class Raster(Place):
         self._right: set[Cell] = set()
         """Blocks whose checksums are right."""
         self.georeference = self._place()
-        self.sides_m = cell_sides(path, self.shape, None, self.georeference, cell_size_m)
+        cell = cell_on_ground(self, warn=cell_size_m is None)
+        self.sides_m = cell_sides(path, cell, cell_size_m)
         self.cell_size_m, self.cell_width_m = self.sides_m
         self.check_place()
 
