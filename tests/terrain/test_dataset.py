@@ -183,8 +183,6 @@ OUT_OF_RANGE = """
 
 @pytest.mark.parametrize("changes", cases(OUT_OF_RANGE, 1))
 def test_numbers_out_of_range_are_no_recipe(whole, tmp_path, changes):
-    with pytest.raises(DataSetError):
-        msgspec.structs.replace(RECIPE, **json.loads(changes))
     with pytest.raises(DataSetError, match=r"dataset\.json"):
         read_recipe(changed(whole, tmp_path, changes))
 
