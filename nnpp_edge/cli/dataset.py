@@ -95,6 +95,7 @@ def command(
     if held_out and not validation_share:
         raise click.UsageError("--held-out uses what --validation-share leaves out: give that, too")
     from nnpp_edge.progress import bar
+    from nnpp_edge.runtime.reading import converted
     from nnpp_edge.terrain.dataset import make_dataset
     from nnpp_edge.terrain.shards import Recipe
 
@@ -108,20 +109,20 @@ def command(
     if known:
         kind |= {"known": True, "poolings": tuple((factor, 1.0) for factor in known)}
     size = size or (32 if known else 256)
-    recipe = Recipe(
-        tuple(map(str, terrain_files)),
-        maps,
-        seed,
-        size,
-        blocks=size // 4,
-        points_per_map=points,
-        synthetic_share=synthetic_share,
-        obstacle_share=obstacle_share,
-        omega=omega,
-        stripe=(1.0 - validation_share, 1.0) if held_out else (0.0, 1.0 - validation_share),
-        cell_size_m=terrain.cell_size,
-        **kind,  # type: ignore[arg-type]  # it checks them
-    )
+    asked = {
+        "terrain": tuple(map(str, terrain_files)),
+        "maps": maps,
+        "seed": seed,
+        "size": size,
+        "blocks": size // 4,
+        "points_per_map": points,
+        "synthetic_share": synthetic_share,
+        "obstacle_share": obstacle_share,
+        "omega": omega,
+        "stripe": (1.0 - validation_share, 1.0) if held_out else (0.0, 1.0 - validation_share),
+        "cell_size_m": terrain.cell_size,
+    }
+    recipe = converted(asked | kind, Recipe)
     with bar("shards", recipe.shards) as advance:
         counts = make_dataset(recipe, output, workers=workers, progress=advance)
     words = "{folder}: {shards} of {of} shards, {maps} maps, {queries} queries"

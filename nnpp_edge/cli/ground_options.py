@@ -2,7 +2,6 @@
 cost.
 """
 
-import math
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +13,6 @@ from nnpp_edge.cli.options import (
     MANY,
     CellSize,
     Parsed,
-    Resample,
     Rescale,
     Setting,
     SettingType,
@@ -32,9 +30,9 @@ if TYPE_CHECKING:
 
 _CELLS_A_BODY = 4.0
 _LEAST_CELLS_A_BODY = 0.5
-_RESAMPLED = 6.0
+_ENOUGH_CELLS_A_BODY = 6.0
 """Cells along a body below which a warning says so, below which it says that the map does not do,
-and those along it after the resampling that it names.
+and those along it on the finer map that it names.
 """
 _ROUNDED_UP = 1.05
 """By how much a number may be larger than its first two digits."""
@@ -208,29 +206,6 @@ Known = Annotated[
 class GroundOptions(VehicleOptions, TerrainOptions):
     """A map, and who drives on it at what cost."""
 
-    resample: Resample = None
-
-    def read(self, path: Path) -> "Dem":
-        """As `TerrainOptions.read`; a warning says where cells of the file lie on a map that was
-        made finer.
-        """
-        return self.made_finer(super().read(path), "file")
-
-    def made_finer(self, dem: "Dem", what: str) -> "Dem":
-        """The map with finer cells, if these are asked for; `what` it is, for the warning."""
-        if self.resample is None:
-            return dem
-        finer = dem.resampled(self.resample)
-        rows, cols = finer.shape
-        times = dem.cell_size_m / finer.cell_size_m
-        warnings.warn(
-            f"resampled to {rows} × {cols} cells of {finer.cell_size_m:g} m: cell (row, col) of "
-            f"the {what} is now "
-            f"({times:.4g} row, {times:.4g} col); xy:X,Y is the same place on both maps",
-            stacklevel=2,
-        )
-        return finer
-
     def limits(self, place: "Place | None" = None) -> "Traversability":
         """As `TerrainOptions.limits`; UsageError for a body that is to stand on other cells."""
         if self.rescale is not None and self.posed is not None:
@@ -278,16 +253,10 @@ class GroundOptions(VehicleOptions, TerrainOptions):
         side = max(dem.cell_size_m, dem.cell_width_m)
         if body.length_m >= _CELLS_A_BODY * side:
             return
-        from nnpp_edge.terrain.dem import MOST_RESAMPLED
-
-        finest = _ROUNDED_UP * dem.cell_size_m * math.sqrt(math.prod(dem.shape) / MOST_RESAMPLED)
-        finer = max(body.length_m / _RESAMPLED * dem.cell_size_m / side, finest)
+        finer = _resampled(body.length_m / _ENOUGH_CELLS_A_BODY)
+        advice = f"{finer} let it be checked between them, but add no detail"
         if body.length_m < _LEAST_CELLS_A_BODY * side:
             advice = "too coarse to check it, take a finer map"
-        elif _ROUNDED_UP * finer < dem.cell_size_m:
-            advice = f"--resample {finer:.2g} checks between the cells, but adds no detail"
-        else:
-            advice = "a part of the map could be resampled"
         size = f"{body.length_m:g} × {body.width_m:g} m"
         warnings.warn(
             f"cells of {side:.4g} m are coarse for a body of {size} with a step limit of "
@@ -303,9 +272,14 @@ def _warn_if_wide(radius_m: float, dem: "Dem") -> None:
 
     sharpest = sharpest_m(radius_m, (dem.cell_size_m, dem.cell_width_m))
     if sharpest > _MUCH_WIDER * radius_m:
-        finer = _ROUNDED_UP * dem.cell_size_m * radius_m / sharpest
+        finer = _resampled(_ROUNDED_UP * dem.cell_size_m * radius_m / sharpest)
         warnings.warn(
             f"arcs that join cells of {dem.cell_size_m:.4g} m have a radius of at least "
-            f"{sharpest:.3g} m, not {radius_m:g} m: --resample {finer:.2g} comes close",
+            f"{sharpest:.3g} m, not {radius_m:g} m: {finer} come close",
             stacklevel=2,
         )
+
+
+def _resampled(cell_size_m: float) -> str:
+    """Finer cells, and how to make them."""
+    return f"cells of {cell_size_m:.2g} m (gdalwarp -r bilinear -tr)"

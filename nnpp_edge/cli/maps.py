@@ -3,10 +3,10 @@ begin on a cell.
 """
 
 import json
+import math
 import warnings
 from contextlib import suppress
-from dataclasses import replace
-from itertools import product
+from itertools import compress, product
 from pathlib import Path
 from typing import NoReturn
 
@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 from nnpp_edge.progress import bar
 from nnpp_edge.runtime import Ground, Planner
 from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Cell, nearest, slices, widened
+from nnpp_edge.runtime.cells import Cell, slices, widened
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, NnppEdgeError, Status
-from nnpp_edge.runtime.kernels.poses import FAILS
 from nnpp_edge.runtime.memory import available_bytes, filed_zeros
 from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.terrain.traversability import (
@@ -29,9 +28,9 @@ from nnpp_edge.runtime.terrain.traversability import (
 )
 from nnpp_edge.terrain import dem as dems
 from nnpp_edge.terrain.coordinates import lonlat_corners
-from nnpp_edge.terrain.dem import Dem, DemWindows
+from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.georeference import Place
-from nnpp_edge.terrain.rasters import READ_IN_METRES
+from nnpp_edge.terrain.rasters import READ_IN_METRES, Raster
 from nnpp_edge.viz.picture import Chart
 
 _MOST_UNEQUAL_SIDES = 0.05
@@ -113,15 +112,14 @@ def _bytes(count: float) -> str:
     return f"{count / 1e9:.1f} GB" if count >= 1e9 else f"{count / 1e6:.1f} MB"
 
 
-def filed(ground: DemWindows) -> Dem:
+def filed(ground: Raster) -> Dem:
     """A map whose heights lie in a temporary file."""
     heights = filed_zeros(ground.shape, np.float32)
     with bar("rows of the map", ground.shape[0]) as advance:
         for part in ground.bands():
             heights[slices(part)] = ground.read(part)
             advance(part[0] + part[2])
-    sides = (ground.cell_size_m, ground.cell_width_m)
-    return Dem(heights, *sides, ground.georeference, ground.source)
+    return Dem(heights, *ground.sides_m, ground.georeference, ground.source)
 
 
 def refuse_map(place: Place) -> NoReturn:
@@ -135,12 +133,12 @@ def refuse_map(place: Place) -> NoReturn:
     )
 
 
-def refuse_outside(start: Cell, goals: list[Cell], place: Place) -> None:
-    """InvalidQueryError where the start, or every goal, lies outside the map."""
+def refuse_outside(start: Cell, goal: Cell, place: Place) -> None:
+    """InvalidQueryError where the start or the goal lies outside the map."""
     rows, cols = place.shape
-    for status, cells in ((Status.START_OUTSIDE_MAP, [start]), (Status.GOAL_OUTSIDE_MAP, goals)):
-        if not any(0 <= row < rows and 0 <= col < cols for row, col in cells):
-            _refuse(status, _outside(status, cells[0], place))
+    for status, cell in ((Status.START_OUTSIDE_MAP, start), (Status.GOAL_OUTSIDE_MAP, goal)):
+        if not (0 <= cell[0] < rows and 0 <= cell[1] < cols):
+            _refuse(status, _outside(status, cell, place))
 
 
 def refuse(
@@ -191,23 +189,16 @@ def _blocked(status: Status, cell: Cell, dem: Dem, planner: Planner, ground: Gro
     """Why no path begins or ends on a cell, and the nearest one around where it could."""
     end = f"{status.partition('_')[0].lower()} {cell} is impassable"
     row, col, rows, cols = part = widened((*cell, 1, 1), (_AROUND, _AROUND), dem.shape)
-    at = (cell[0] - row, cell[1] - col)
-    robot = planner.state.grid.robot
-    reason = robot.stance.why_blocked(cell)
-    poses = robot.moves.poses
-    if poses is None:
-        heights = dem.elevation[slices(part)]
-        layers = {name: each[slices(part)] for name, each in ground.layers.items()}
-        passable = replace(ground, elevation=heights, layers=layers).costs() < 1.0
-        if passable[at]:
-            return f"{end}: {reason}"
-        reason = why_impassable(heights, at, ground.sides_m, ground.limits)
-        where = "passable cell"
-    else:
-        stands = np.any(poses.standing(range(row, row + rows)) < FAILS, axis=0)
-        passable = stands[:, col : col + cols]
-        where = "cell where it can stand"
-    if not passable.any():
+    grid = planner.state.grid
+    stance = grid.robot.stance
+    reason = stance.why_blocked(cell)
+    if not reason:
+        at = (cell[0] - row, cell[1] - col)
+        reason = why_impassable(dem.elevation[slices(part)], at, ground.sides_m, ground.limits)
+    around = list(product(range(row, row + rows), range(col, col + cols)))
+    passable = list(compress(around, stance.stands_at(grid, *around)))
+    if not passable:
         return f"{end}: {reason}; so is all around it"
-    down, across = nearest(passable, at)
-    return f"{end}: {reason}; the nearest {where} is {(row + down, col + across)}"
+    where = "passable cell" if ground.body is None else "cell where it can stand"
+    nearest = min(passable, key=lambda each: math.dist(each, cell))
+    return f"{end}: {reason}; the nearest {where} is {nearest}"

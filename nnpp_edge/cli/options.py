@@ -88,16 +88,19 @@ def _param(
     if python_type is bool:
         words["is_flag"] = True
         word += word.replace("--", "/--no-") if default is None else ""
-    names = [each for each in said if isinstance(each, str) and each.startswith("-")]
+    names = []
     for each in said:
-        if isinstance(each, Meta):
-            words |= _of_meta(each)
-        elif isinstance(each, dict):
-            words |= each
-        elif not isinstance(each, str):
-            words["type"] = each
-        elif each not in names:
-            words["help"] = each
+        match each:
+            case Meta():
+                words |= _of_meta(each)
+            case dict():
+                words |= each
+            case str() if each.startswith("-"):
+                names.append(each)
+            case str():
+                words["help"] = each
+            case _:
+                words["type"] = each
     if make is click.Option and not any(each.startswith("--") for each in names):
         names.append(word)
     return make([*names, name], **words)
@@ -284,11 +287,6 @@ Rescale = Annotated[
     "Judge cells as if they were this many metres wide with heights scaled alike: slopes stay, "
     "roughness and steps change.",
 ]
-Resample = Annotated[
-    float | None,
-    "Make cells finer, this many metres wide, with heights interpolated between the map's. That "
-    "adds no detail, but a vehicle may stand and step between the cells.",
-]
 TerrainFiles = Annotated[tuple[Path, ...], MAP, MANY, "Elevation file. May be repeated."]
 StepCost = Annotated[
     str,
@@ -316,6 +314,15 @@ def check_outputs(
         if p.name and not names.intersection(p.opts)
     ]
     check_outputs(outputs, _paths([*read, *more_inputs]), make_folders=make_folders)
+
+
+def files_in(folder: Path | None, names: Iterable[str]) -> list[Path]:
+    """Those to write in the folder of --output, which is made, if it was given; checked as by
+    `check_outputs`.
+    """
+    paths = [] if folder is None else [folder / name for name in names]
+    check_outputs(*(("--output", path) for path in paths), make_folders=True)
+    return paths
 
 
 def _paths(values: Iterable[object]) -> Iterator[Path]:

@@ -42,12 +42,10 @@ def command(
     """Plan a path over the elevation map DEM, a file or sample:NAME (such as moon_highlands or
     mars_victoria).
 
-    Give start and goal as cells, in the map's coordinates, as longitude and latitude, or as a
-    vector file's points (GeoPackage, GeoJSON, GPX, Shapefile, FlatGeobuf; FILE:LAYER of several
-    layers). With several goals a path to each is planned, and the cheapest is used. The time shown
-    includes the stages `kernels`, loading compiled code, and `load`, waiting for the network, whose
-    file is opened meanwhile; with --compare and --time-limit these are loaded first. Exit codes: 0
-    for a path, 1 for NO_PATH or TIMEOUT, 2 where start or goal lies outside the map or is
+    Give start and goal as cells, in the map's coordinates, or as longitude and latitude. The time
+    shown includes the stages `kernels`, loading compiled code, and `load`, waiting for the network,
+    whose file is opened meanwhile; with --compare and --time-limit these are loaded first. Exit
+    codes: 0 for a path, 1 for NO_PATH or TIMEOUT, 2 where start or goal lies outside the map or is
     impassable.
 
     A limit of slope is on the plane through a cell and its eight neighbours, not on a single step
@@ -70,9 +68,7 @@ def command(
         module, extra = FORMATS[name]
         optional_module(module, f"--format {name}", extra)
     names = [*_FILES, *(f"path.{name}" for name in dict.fromkeys(request.formats))]
-    paths = [] if output is None else [output / name for name in names]
-    outputs = [("--output", path) for path in paths]
-    options.check_outputs(*outputs, more_inputs=request.files, make_folders=True)
+    paths = options.files_in(output, names)
 
     with told_if_slow("loading the package"):
         from nnpp_edge.cli.maps import reads_by_windows

@@ -37,8 +37,6 @@ class Answer:
     picture: Callable[[], Picture]
     stops: Sequence[Cell]
     """Start, the places between in the order of visits, and goal."""
-    goals: Sequence[tuple[Cell, Plan]] = ()
-    """Where several goals were given: each with its plan, the nearest first."""
     compared: Sequence[Row] = ()
     """Figures of the plan's method and others, beside the optimum."""
     loading_included: bool = True
@@ -123,14 +121,9 @@ class Answer:
                 "heading_deg": plan.waypoint_headings_deg.round(3).tolist(),
                 "curvature_per_m": plan.curvatures.round(6).tolist(),
             }
-        goals = [(goal, plan.summary()) for goal, plan in self.goals]
         more = {
             "step_cost": None if self.step_cost == "paper" else self.step_cost,
             "compare": self.compared,
-            "goals": [
-                {"goal": goal, "status": told["status"], "cost": told["cost"]}
-                for goal, told in goals
-            ],
             "files": files,
         }
         figures |= {name: value for name, value in more.items() if value}
@@ -145,17 +138,12 @@ class Answer:
         plan = self.plan
         why = plan.choice if plan.ok else plan.reason
         found = f"{plan.method} ({plan.source})"
-        ends = []
-        for goal, to_goal in self.goals:
-            answer = f"{to_goal.cost:.6g}" if to_goal.ok else to_goal.status
-            ends.append(f"{goal} {answer}")
         stages = [f"{name} {ms:.2f}" for name, ms in plan.timings_ms.items() if name != "total"]
         loading = ", loading included" if self.loading_included else ""
         lines = {
             str(plan.status): f"{found}: {why}" if why else found,
             "map": size_in_words(self.route.dem),
             "via": self._order(self.tour) if self.tour else "",
-            "goals": ", ".join(ends),
             **lines_of(self.facts),
             "reached": self._reached(),
             "time": f"{plan.timings_ms['total']:.2f} ms{loading} ({', '.join(stages)})",

@@ -10,7 +10,7 @@ from statistics import median
 
 import numpy as np
 
-from nnpp_edge.cli.ground_options import GroundOptions, TerrainOptions
+from nnpp_edge.cli.ground_options import GroundOptions
 from nnpp_edge.cli.maps import (
     chart_of,
     filed,
@@ -31,11 +31,11 @@ from nnpp_edge.runtime.map.along import Along
 from nnpp_edge.runtime.network import loading
 from nnpp_edge.runtime.options import PlanOptions, StepOptions
 from nnpp_edge.runtime.planners.query import problem_with
-from nnpp_edge.runtime.planners.tour import Tour
 from nnpp_edge.runtime.tuning import LARGE_MAP
 from nnpp_edge.terrain.coordinates import lonlat_of
-from nnpp_edge.terrain.dem import Dem, DemWindows, open_dem, part_of
+from nnpp_edge.terrain.dem import Dem, open_dem, part_of
 from nnpp_edge.terrain.georeference import Place
+from nnpp_edge.terrain.rasters import Raster
 from nnpp_edge.terrain.route import Route, places_of
 from nnpp_edge.viz.picture import Chart, Reached, body_outlines, plan_picture, refused_on
 from nnpp_edge.viz.sheet import Picture
@@ -48,24 +48,21 @@ _COMPARED = ("method", "source", "status", "cost", "length", "expansions")
 def _ends(request: PlanRequest, place: Place) -> "Ends":
     """Cells of the map that a path is to lead from, through and to.
 
-    InvalidQueryError for several starts, goals with way points, what lies outside the map, and GPX
-    of a map off the Earth.
+    InvalidQueryError for what lies outside the map, and GPX of a map off the Earth.
     """
-    start = request.start.one_cell(place, "--start")
-    goals = [cell for end in request.goals for cell in end.cells(place)]
-    via = [cell for end in request.via for cell in end.cells(place)]
-    if via and len(goals) != 1:
-        raise InvalidQueryError(f"--goal, with --via, must be one place, got {len(goals)}")
-    refuse_outside(start, goals, place)
+    start = request.start(place)
+    goal = request.goal(place)
+    via = [end(place) for end in request.via]
+    refuse_outside(start, goal, place)
     if "gpx" in request.formats:
         try:
             lonlat_of(place, places_of(place, np.array([start])))
         except InvalidQueryError as error:
             raise InvalidQueryError(f"--format gpx: {error}") from None
-    return start, via, goals
+    return start, via, goal
 
 
-Ends = tuple[Cell, list[Cell], list[Cell]]
+Ends = tuple[Cell, list[Cell], Cell]
 
 
 def _read(request: PlanRequest, path: Path, robot: GroundOptions, large: bool) -> tuple[Dem, Ends]:
@@ -74,33 +71,32 @@ def _read(request: PlanRequest, path: Path, robot: GroundOptions, large: bool) -
         dem = robot.read(path)
         return dem, _ends(request, dem)
     with ExitStack() as stack:
-        whole: Dem | DemWindows
+        whole: Dem | Raster
         try:
             whole = stack.enter_context(open_dem(path, robot.cell_size))
         except TerrainError:  # of a format that is read as a whole
             if large:
                 raise
-            whole = TerrainOptions.read(robot, path)
-        start, via, goals = ends = _ends(request, whole)
-        if large and isinstance(whole, DemWindows):
+            whole = robot.read(path)
+        start, via, goal = ends = _ends(request, whole)
+        if large and isinstance(whole, Raster):
             return filed(whole), ends
-        around = holding(np.clip([start, *via, *goals], 0, np.subtract(whole.shape, 1)))
+        around = holding(np.clip([start, *via, goal], 0, np.subtract(whole.shape, 1)))
         sides = (whole.cell_size_m, whole.cell_width_m)
         crop = request.crop or 0.0
         up, left = (math.ceil(min(crop / side, 1e9)) for side in sides)
         row, col, rows, cols = part = widened(around, (up, left), whole.shape)
-        cut = part_of(whole, part)
-    dem = robot.made_finer(cut, "part")
+        dem = part_of(whole, part)
     warnings.warn(
         f"cut out {rows} × {cols} cells: cell (row, col) of the file is now (row - {row}, "
         f"col - {col}); xy:X,Y is the same place on both maps",
         stacklevel=2,
     )
 
-    def moved(cells: list[Cell]) -> list[Cell]:
-        return [dem.cell_of(*whole.located.map_coordinates(*cell)) for cell in cells]
+    def moved(cell: Cell) -> Cell:
+        return cell[0] - row, cell[1] - col
 
-    return dem, (moved([start])[0], moved(via), moved(goals))
+    return dem, (moved(start), [*map(moved, via)], moved(goal))
 
 
 def plan_on(
@@ -114,8 +110,8 @@ def plan_on(
     drawn: bool,
     large: bool,
 ) -> Answer:
-    """Plan on a map: to the nearest goal, or by way of other places. The heights and costs of a
-    `large` one lie in temporary files, and only the corridor method plans on it.
+    """Plan on a map. The heights and costs of a `large` one lie in temporary files, and only the
+    corridor method plans on it.
     """
     method = query.pop("method", Method.AUTO)
     if large:
@@ -123,7 +119,7 @@ def plan_on(
         method = Method.CORRIDOR
     hint = "" if request.crop else " (--crop METRES reads only the map around the ends)"
     with told_if_slow(f"reading {path}{hint}"):
-        dem, (start, via, goals) = _read(request, path, robot, large)
+        dem, (start, via, goal) = _read(request, path, robot, large)
     may_ask = method == "nnpp" or (method == "auto" and max(dem.shape) >= LARGE_MAP)
     if may_ask and robot.posed is None:
         loading.begin_loading(model)
@@ -135,14 +131,16 @@ def plan_on(
             refuse_map(dem)
     planner = Planner(ground if cost is None else ground.priced(cost), model=model, **steps)
     grid = planner.state.grid
-    if len(goals) == 1 and (problem := problem_with(grid, start, goals[0])):
-        refuse(problem, start, goals[0], dem, planner, ground)
+    if problem := problem_with(grid, start, goal):
+        refuse(problem, start, goal, dem, planner, ground)
     if "time_limit_s" in query:  # loading would use it up
         exercises.exercise()
     wanted: PlanOptions = {**query, "method": method, "keep_regions": drawn and not large}
     with told_if_slow("planning"):
-        tour, ranked = _plans(planner, request, (start, via, goals), wanted)
-    goal, plan = ranked[0]
+        tour = None
+        if via:
+            tour = planner.plan_via(start, goal, via, best_order=request.best_order, **wanted)
+        plan = tour.plan if tour else planner.plan(start, goal, **wanted)
     if plan.source is None:  # no search was made
         refuse(plan.status, start, goal, dem, planner, ground)
     compared = list[Row]()
@@ -165,8 +163,8 @@ def plan_on(
             route = replace(route, cost=route.cost / np.float32(grid.model.scale or 1.0))
     stops = tour.stops if tour else (start, goal)
     ended = None
-    unfound = plan.status == "NO_PATH" and len(goals) == 1 and not tour
-    if unfound and not large and "refine" not in query:
+    searched = not (tour or large or "refine" in query)
+    if plan.status == "NO_PATH" and searched:
         cells, from_start = planner.came_to(start)
         begun, other = ("start", goal) if from_start else ("goal", start)
         ended = Reached(cells, begun, nearest(cells, other))
@@ -201,7 +199,6 @@ def plan_on(
         route,
         picture,
         stops,
-        goals=ranked if len(ranked) > 1 else (),
         compared=compared,
         loading_included=not request.compare and "time_limit_s" not in query,
         vehicle=ground.vehicle,
@@ -221,7 +218,6 @@ def _check_large(
         "--compare": request.compare,
         "--refine": "refine" in query,
         "--start-heading, --goal-heading": any(name.endswith("_deg") for name in query),
-        "--resample": robot.resample is not None,
     }
     if wrong := [name for name, asked in unfit.items() if asked]:
         raise InvalidQueryError(
@@ -247,20 +243,6 @@ def _coarse_picture(dem: Dem, planner: Planner, plan: Plan, stops: Sequence[Cell
     sides_m = (dem.cell_size_m * factor, dem.cell_width_m * factor)
     chart = Chart(cost, None, sides_m, dem.north_deg)
     return plan_picture(chart, replace(plan, path=plan.path // factor), start, goal, via=via)
-
-
-def _plans(
-    planner: Planner, request: PlanRequest, ends: Ends, wanted: PlanOptions
-) -> tuple[Tour | None, list[tuple[Cell, Plan]]]:
-    """The tour by way of other places, if any, and the goals with their plans, the nearest
-    first.
-    """
-    start, via, goals = ends
-    if via:
-        tour = planner.plan_via(start, goals[0], via, best_order=request.best_order, **wanted)
-        return tour, [(goals[0], tour.plan)]
-    plans = [(goal, planner.plan(start, goal, **wanted)) for goal in goals]
-    return None, sorted(plans, key=lambda each: (not each[1].ok, each[1].cost))
 
 
 def _on_the_ground(plan: Plan, ground: Ground) -> Plan:

@@ -96,10 +96,7 @@ def command(
     measure, most = _limit(robot, cost=within_cost, time=within_time, energy=within_energy)
     if output is not None:
         optional_module("rasterio", "--output", "geo")
-    paths = [] if output is None else [output / name for name in _FILES]
-    outputs = [("--output", path) for path in paths]
-    read = [] if start.file is None else [start.file]
-    options.check_outputs(*outputs, more_inputs=read, make_folders=True)
+    paths = options.files_in(output, _FILES)
 
     from dataclasses import replace
 
@@ -116,7 +113,7 @@ def command(
 
     with told_if_slow(f"reading {dem}"):
         terrain = robot.read(dem)
-    cell = start.one_cell(terrain, "--start")
+    cell = start(terrain)
     with told_if_slow("costs of the map"):
         ground = robot.of(terrain)
         cost = ground.costs(warn=True)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import click
 
 from nnpp_edge.cli import options
-from nnpp_edge.cli.ground_options import GroundOptions, Known, TerrainOptions
+from nnpp_edge.cli.ground_options import GroundOptions, Known
 from nnpp_edge.cli.requests import PLACE, End, Start
 from nnpp_edge.cli.text import Row, aligned, loop_lines, tell
 from nnpp_edge.runtime.options import METHODS, StepOptions
@@ -104,11 +104,11 @@ def command(
         dem = sample_path(_SAMPLE)
         rescale = rescale or cell_m
     with told_if_slow(f"reading {dem}"):
-        read = TerrainOptions.read(robot, dem)
-        whole = robot.made_finer(read if rescale is None else read.rescaled(rescale), "file")
+        read = robot.read(dem)
+        whole = read if rescale is None else read.rescaled(rescale)
     ends = None
     if start and goal:
-        ends = (start.one_cell(whole, "--start"), goal.one_cell(whole, "--goal"))
+        ends = (start(whole), goal(whole))
     with told_if_slow("preparing the ground"):
         part = part_of_map(whole, size, known.factor if known else 1, robot.body(), seed, ends)
         row, col, rows, cols = part

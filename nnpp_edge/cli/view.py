@@ -62,13 +62,11 @@ def command(
         read = robot.read(dem)
         robot.warn_if_coarse(read)
         given = _given_body(robot, read)
-        names = ("cell_size", "resample")
-        reading = [(each, getattr(robot, each)) for each in names]
-        said = {each: value for each, value in reading if value is not None}
+        said = {} if robot.cell_size is None else {"cell_size": robot.cell_size}
         site = Site.of(read, dem.resolve(), said, given, model)
         asked = Asked(
-            start=start.one_cell(read, "--start") if start else (0, 0),
-            goal=goal.one_cell(read, "--goal") if goal else (0, 0),
+            start=start(read) if start else (0, 0),
+            goal=goal(read) if goal else (0, 0),
             step_cost=robot.step_cost,
             **steps,
             limits=robot.limits(read),

@@ -41,8 +41,11 @@ def read_arrays(path: Path) -> Reading:
             check_room(path, promised.shape, promised.dtype)
             return metres(np.load(path, allow_pickle=False)), None, None
     with _Archive(path) as archive:
+        place = archive.place()
         cell = archive.cell()
-        return archive.grid(archive.elevation_name()), cell, archive.place()
+        if cell is None and place is not None:
+            cell = place.drawn_sides
+        return archive.grid(archive.elevation_name()), cell, place
 
 
 def read_cost_map(path: Path) -> tuple[Float2D, float] | None:

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nnpp_edge.runtime.errors import InvalidQueryError, TerrainError, optional_module
-from nnpp_edge.terrain.georeference import Georeference, Place, Sides
+from nnpp_edge.terrain.georeference import Place, Sides
 
 if TYPE_CHECKING:
     from pyproj import CRS, Transformer
@@ -50,13 +50,13 @@ def lonlat_on_map(place: Place, points: Points) -> Points:
     Here and below InvalidQueryError where the map has no coordinate system, or a point no place in
     it.
     """
-    own = _system_of(place.georeference, place.source)
+    own = _system_of(place)
     return _moved(points, _lonlat_system(own), own)
 
 
 def lonlat_at(place: Place, points: Points) -> Points:
     """Longitudes and latitudes of map coordinates, as `lonlat_on_map` takes them."""
-    own = _system_of(place.georeference, place.source)
+    own = _system_of(place)
     return _moved(points, own, _lonlat_system(own))
 
 
@@ -72,28 +72,16 @@ def lonlat_of(place: Place, points: Points) -> Points:
     the Earth.
     """
     if not on_earth(place):
-        own = _system_of(place.georeference, place.source)
+        own = _system_of(place)
         raise InvalidQueryError(
             f"{place.source}: longitude and latitude on the Earth are wanted, got {_name_of(own)}"
         )
     return lonlat_at(place, points)
 
 
-def on_map(place: Place, points: Points, crs: str, source: str) -> tuple[Points, str]:
-    """Map coordinates of points of the layer `source`, and a word on it where its system is not the
-    map's.
-    """
-    own = _system_of(place.georeference, place.source)
-    theirs = _pyproj().CRS.from_user_input(crs)
-    if own.equals(theirs, ignore_axis_order=True):
-        return points, ""
-    moved = _moved(points, theirs, own)
-    return moved, f"{source}: reprojected from {_name_of(theirs)} to {_name_of(own)}"
-
-
 def on_earth(place: Place) -> bool:
     """Whether a map's coordinate system is of the Earth; InvalidQueryError without one."""
-    own = _system_of(place.georeference, place.source)
+    own = _system_of(place)
     return bool(_lonlat_system(own).equals(_pyproj().CRS.from_user_input(WGS84)))
 
 
@@ -105,7 +93,7 @@ def gravity_of(place: Place) -> float | None:
         return _OF_SAMPLES[place.source.name.partition("_")[0]]
     if place.georeference is None or place.georeference.crs is None:
         return None
-    ellipsoid = _system_of(place.georeference, place.source).ellipsoid
+    ellipsoid = _system_of(place).ellipsoid
     axis = ellipsoid.semi_major_metre if ellipsoid else 0.0
     for radius, gravity in _GRAVITY.items():
         if abs(axis / radius - 1.0) < _SAME_BODY:
@@ -113,15 +101,9 @@ def gravity_of(place: Place) -> float | None:
     return None
 
 
-def cell_on_ground(
-    source: Path,
-    place: Georeference,
-    shape: tuple[int, ...],
-    *,
-    warn: bool,
-) -> Sides:
+def cell_on_ground(place: Place, *, warn: bool) -> Sides | None:
     """A cell's (size, width): metres of ground along a column and along a row at the middle of a
-    map (H, W).
+    map; None without a georeference.
 
     Without a coordinate system, or with a local one, they are the transform's, in metres or in the
     system's unit. To `warn` is a UserWarning where a length or slope is off by too much.
@@ -130,16 +112,17 @@ def cell_on_ground(
     poles, InvalidQueryError for a system that PROJ does not know, MissingExtraError where pyproj is
     not installed.
     """
-    a, b, _, d, e, _ = place.transform
+    if place.georeference is None:
+        return None
+    source = place.source
+    a, b, _, d, e, _ = transform = place.georeference.transform
     if not (math.isfinite(a * e - b * d) and a * e != b * d):
-        raise TerrainError(
-            f"{source}: wanted a transform that can be turned back, got {place.transform}"
-        )
+        raise TerrainError(f"{source}: wanted a transform that can be turned back, got {transform}")
     # a cell as it is drawn, in metres where the system counts in them
-    drawn = np.array((math.hypot(b, e), math.hypot(a, d)))
-    if place.crs is None:
+    drawn = np.array(place.georeference.drawn_sides)
+    if place.georeference.crs is None:
         return drawn[0], drawn[1]
-    system = _system_of(place, source)
+    system = _system_of(place)
     unit = system.axis_info[0].unit_conversion_factor if system.axis_info else 1.0
     drawn *= unit
     if system.is_geographic and system.ellipsoid:
@@ -149,13 +132,13 @@ def cell_on_ground(
 
     # as it lies on the ground
     with np.errstate(all="ignore"):
-        lengths = _lengths(system, place, shape, min(1.0, _MEASURED_M / drawn.max()))
+        lengths = _lengths(system, place, min(1.0, _MEASURED_M / drawn.max()))
     middle = lengths[:2, 4]
     said = f"{source}: {_name_of(system)}"
     if np.isfinite(middle).all():
         problems = _distortions(said, lengths)
     elif system.is_geographic:
-        row, col = (0.5 * (side - 1) for side in shape)
+        row, col = (0.5 * (side - 1) for side in place.shape)
         latitude = math.degrees(unit) * place.map_coordinates(row, col)[1]
         raise TerrainError(f"{source}: wanted latitudes within the poles, got {latitude:g}°")
     else:
@@ -186,7 +169,7 @@ def _distortions(said: str, lengths: Points) -> list[str]:
     ]
 
 
-def _lengths(system: "CRS", place: Georeference, shape: tuple[int, ...], share: float) -> Points:
+def _lengths(system: "CRS", place: Place, share: float) -> Points:
     """(4, 9) metres of ground along a column, a row and both diagonals of cells: at the rim, the
     fifth at the middle.
 
@@ -198,7 +181,7 @@ def _lengths(system: "CRS", place: Georeference, shape: tuple[int, ...], share: 
     radians = globe.axis_info[0].unit_conversion_factor
     transform = _transformer(system.to_wkt(), globe.to_wkt()).transform
     shares = np.array(list(product((0.0, 0.5, 1.0), repeat=2)))
-    middles = shares * (np.array(shape) - 1)
+    middles = shares * (np.array(place.shape) - 1)
     # down, right and both diagonals
     steps = np.array([(1, 0), (0, 1), (1, 1), (1, -1)])
     steps = 0.5 * share * steps[:, None]
@@ -217,18 +200,18 @@ def _pyproj() -> ModuleType:
     return optional_module("pyproj", "longitude and latitude, or another coordinate system,", "geo")
 
 
-def _system_of(place: Georeference | None, source: Path) -> "CRS":
+def _system_of(place: Place) -> "CRS":
     """A map's coordinate system; InvalidQueryError without one."""
-    if place is None or place.crs is None:
+    if place.georeference is None or place.georeference.crs is None:
         raise InvalidQueryError(
-            f"{source}: wanted a map with a coordinate system, the file names none"
+            f"{place.source}: wanted a map with a coordinate system, the file names none"
         )
     pyproj = _pyproj()
     try:
-        found: CRS = pyproj.CRS.from_user_input(place.crs)
+        found: CRS = pyproj.CRS.from_user_input(place.georeference.crs)
     except pyproj.exceptions.CRSError as error:
         raise InvalidQueryError(
-            f"{source}: wanted a coordinate system that PROJ knows ({error})"
+            f"{place.source}: wanted a coordinate system that PROJ knows ({error})"
         ) from error
     return found
 
@@ -252,15 +235,8 @@ def _lonlat_system(own: "CRS") -> "CRS":
 
 
 def _moved(points: Points, begin: "CRS", end: "CRS") -> Points:
-    """These points in another system; InvalidQueryError where there is no way, or one has no place
-    there.
-    """
-    try:
-        transformer = _transformer(begin.to_wkt(), end.to_wkt())
-    except _pyproj().exceptions.ProjError:
-        raise InvalidQueryError(
-            f"there is no way from {_name_of(begin)} to {_name_of(end)}: they are of two bodies"
-        ) from None
+    """These points in another system; InvalidQueryError where one has no place there."""
+    transformer = _transformer(begin.to_wkt(), end.to_wkt())
     found = np.column_stack(transformer.transform(*points.T))
     for x, y in points[~np.isfinite(found).all(1)]:
         place = f"({x:g}, {y:g})"

@@ -14,12 +14,10 @@ import numpy as np
 from nnpp_edge.runtime.arrays import Float2D, Float32s, unmasked
 from nnpp_edge.runtime.cells import Rectangle, Shape, slices
 from nnpp_edge.runtime.errors import InvalidQueryError, TerrainError
-from nnpp_edge.runtime.map.along import heights_at
 from nnpp_edge.runtime.reading import problem_with_file, refused_as
 from nnpp_edge.terrain.array_files import check_grid, known_heights, metres, read_arrays
-from nnpp_edge.terrain.coordinates import cell_on_ground
-from nnpp_edge.terrain.georeference import Georeference, Place, Sides, check_sides
-from nnpp_edge.terrain.rasters import Raster, opened_raster, read_raster
+from nnpp_edge.terrain.georeference import Georeference, Place, cell_sides
+from nnpp_edge.terrain.rasters import Raster, opened_raster
 
 ARRAY_ENDINGS = (".npy", ".npz")
 
@@ -80,47 +78,6 @@ class Dem(Place):
             georeference=None,
         )
 
-    def resampled(self, cell_size_m: float) -> "Dem":
-        """This terrain in finer cells, of heights that are bilinear between the middles of its own.
-
-        The first cell keeps its middle; the last one's is no farther than this map's last. Unknown
-        where one of these heights is. InvalidQueryError where the cells would not be smaller, or
-        more than `MOST_RESAMPLED`.
-        """
-        share = cell_size_m / self.cell_size_m
-        rows, cols = self.shape
-        if finer := 0.0 < share < 1.0:
-            rows, cols = (int(min((cells - 1) / share, 1e9) + 1e-6) + 1 for cells in self.shape)
-        if not finer or rows * cols > MOST_RESAMPLED:
-            raise InvalidQueryError(
-                f"{self.source}: wanted finer cells, below {self.cell_size_m:g} m and at most "
-                f"{MOST_RESAMPLED} of "
-                f"them, got {rows} × {cols} cells of {cell_size_m:g} m"
-            )
-        heights = np.empty((rows, cols), np.float32)
-        points = np.zeros((cols, 2))
-        points[:, 1] = share * np.arange(cols)
-        for row in range(rows):
-            points[:, 0] = share * row
-            heights[row] = heights_at(self.elevation, points)
-        place = self.georeference
-        if place is not None:
-            a, b, _, d, e, _ = place.transform
-            x, y = place.map_coordinates(-0.5 * share, -0.5 * share)
-            place = Georeference(place.crs, (a * share, b * share, x, d * share, e * share, y))
-        width = self.cell_width_m * share
-        return replace(
-            self,
-            elevation=heights,
-            cell_size_m=float(cell_size_m),
-            cell_width_m=width,
-            georeference=place,
-        )
-
-
-MOST_RESAMPLED = 1 << 22
-"""Cells of a map that is made finer, at most."""
-
 
 def read_dem(path: Path | str, cell_size_m: float | None = None) -> Dem:
     """Read an elevation map; `.npy` and `.npz` are told by their ending, all else is GDAL's.
@@ -155,11 +112,15 @@ def read_dem(path: Path | str, cell_size_m: float | None = None) -> Dem:
     sphere and keep float32's precision.
     """
     path = Path(path)
-    read = read_arrays if path.suffix.lower() in ARRAY_ENDINGS else read_raster
     with checked_file(path):
-        elevation, cell, georeference = read(path)
-    sides = cell_sides(path, elevation.shape, cell, georeference, cell_size_m)
-    return Dem(known_heights(elevation), *sides, georeference, path)
+        if path.suffix.lower() in ARRAY_ENDINGS:
+            elevation, cell, place = read_arrays(path)
+            sides = cell_sides(path, cell, cell_size_m)
+            return Dem(known_heights(elevation), *sides, place, path)
+        with opened_raster(path) as dataset:
+            raster = Raster(path, dataset, cell_size_m)
+            heights = raster.read_whole()
+            return Dem(heights, *raster.sides_m, raster.georeference, path)
 
 
 @contextmanager
@@ -171,27 +132,6 @@ def checked_file(path: Path) -> Iterator[None]:
     wanted = f"{path}: wanted an elevation map, got a file that cannot be read"
     with refused_as(TerrainError, wanted):
         yield
-
-
-def cell_sides(
-    path: Path,
-    shape: tuple[int, ...],
-    cell: Sides | None,
-    place: Georeference | None,
-    wanted: float | None,
-) -> Sides:
-    """A cell's (size, width): the file's or its ground's, or of the size that was asked for;
-    TerrainError without.
-    """
-    if cell is None and place is not None:
-        cell = cell_on_ground(path, place, shape, warn=wanted is None)
-    if cell is not None:
-        check_sides(path, *cell)
-    if wanted is not None:
-        return wanted, wanted * cell[1] / cell[0] if cell else wanted
-    if cell is None:
-        raise TerrainError(f"{path}: no cell size in the file; give it with --cell-size METRES")
-    return float(cell[0]), float(cell[1])
 
 
 SAMPLES = ("earth_hummocks", "mars_victoria", "moon_highlands", "moon_rocks")
@@ -216,81 +156,32 @@ def sample_dem(name: str) -> Dem:
     return read_dem(sample_path(name))
 
 
-_MOST_BLOCK_BYTES = 1 << 28
-"""Of the blocks of a row of them, which are in memory at once."""
-
-
-@dataclass(frozen=True, eq=False)
-class DemWindows(Place):
-    """An elevation map in an open file: what `Dem` holds, but its heights are read a rectangle at a
-    time.
-    """
-
-    cell_size_m: float
-    cell_width_m: float
-    georeference: Georeference | None
-    source: Path
-    raster: Raster
-
-    def __post_init__(self) -> None:
-        self.check_place()
-
-    @property
-    def shape(self) -> Shape:
-        return self.raster.shape
-
-    def bands(self) -> Iterator[Rectangle]:
-        """Rows that are stored together, from top to bottom."""
-        rows, cols = self.shape
-        high = max(self.raster.block[0], 256)
-        return ((row, 0, min(high, rows - row), cols) for row in range(0, rows, high))
-
-    def read(self, part: Rectangle) -> Float2D:
-        """(rows, cols) float32 heights of a rectangle, as `read_dem` gives them; TerrainError for a
-        broken file.
-        """
-        with refused_as(TerrainError, f"{self.source}: cells {part} could not be read"):
-            return known_heights(self.raster.heights(part))
-
-
 def size_of(path: Path) -> Shape | None:
     """Rows and columns of a raster, by its header; None for a file that only `read_dem` reads, or
     none at all.
     """
     if path.suffix.lower() in ARRAY_ENDINGS or problem_with_file(path) is not None:
         return None
-    with checked_file(path), opened_raster(path) as raster:
-        return raster.shape
+    with checked_file(path), opened_raster(path) as dataset:
+        rows, cols = dataset.shape
+        return rows, cols
 
 
 @contextmanager
-def open_dem(path: Path | str, cell_size_m: float | None = None) -> Iterator[DemWindows]:
+def open_dem(path: Path | str, cell_size_m: float | None = None) -> Iterator[Raster]:
     """An elevation map in a raster, to be read by windows; arguments and errors as of `read_dem`.
 
-    TerrainError, too, for one stored in blocks too large to be read one at a time.
+    TerrainError, too, for one that cannot be read so.
     """
     path = Path(path)
     with ExitStack() as stack:
         with checked_file(path):
-            raster = stack.enter_context(opened_raster(path, by_windows=True))
-            high, wide = raster.block
-            row_of_blocks = high * max(raster.shape[1], wide) * raster.dtype.itemsize
-            stored = ""
-            if raster.driver == "AAIGrid":
-                stored = "as text"
-            elif row_of_blocks > _MOST_BLOCK_BYTES:
-                stored = f"in blocks of {high} × {wide} cells"
-            if stored:
-                raise TerrainError(
-                    f"{path}: wanted a raster that can be read by windows, got one stored "
-                    f"{stored}: make it tiled with gdal_translate -of COG"
-                )
-            georeference = raster.place()
-        sides = cell_sides(path, raster.shape, None, georeference, cell_size_m)
-        yield DemWindows(*sides, georeference, path, raster)
+            raster = Raster(path, stack.enter_context(opened_raster(path)), cell_size_m)
+            raster.check_windows()
+        yield raster
 
 
-def part_of(whole: Dem | DemWindows, part: Rectangle) -> Dem:
+def part_of(whole: Dem | Raster, part: Rectangle) -> Dem:
     """A rectangle of a map as a map; every cell keeps its coordinates."""
     located = whole.located
     a, b, _, d, e, _ = located.transform

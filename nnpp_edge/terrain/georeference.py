@@ -31,6 +31,12 @@ class Georeference:
     crs: str | None
     transform: tuple[float, float, float, float, float, float]
 
+    @property
+    def drawn_sides(self) -> Sides:
+        """A cell's (size, width) in the units of `crs`."""
+        a, b, _, d, e, _ = self.transform
+        return math.hypot(b, e), math.hypot(a, d)
+
     def map_coordinates(self, row: float, col: float) -> Point:
         """Map coordinates (x, y) of the centre of cell (row, col), in the units of `crs`."""
         a, b, c, d, e, f = self.transform
@@ -106,10 +112,24 @@ class Place:
         """The file's georeference; without one, metres from the middle of cell (0, 0), y
         downwards.
         """
+        if self.georeference is not None:
+            return self.georeference
         size = self.cell_size_m
         width = self.cell_width_m
-        own = Georeference(None, (width, 0.0, -0.5 * width, 0.0, size, -0.5 * size))
-        return self.georeference or own
+        return Georeference(None, (width, 0.0, -0.5 * width, 0.0, size, -0.5 * size))
+
+
+def cell_sides(source: Path, cell: Sides | None, wanted: float | None) -> Sides:
+    """A cell's (size, width): the file's, or of the size that was asked for; TerrainError
+    without.
+    """
+    if cell is not None:
+        check_sides(source, *cell)
+    if wanted is not None:
+        return wanted, wanted * cell[1] / cell[0] if cell else wanted
+    if cell is None:
+        raise TerrainError(f"{source}: no cell size in the file; give it with --cell-size METRES")
+    return float(cell[0]), float(cell[1])
 
 
 def check_sides(source: Path, *sides: float) -> None:

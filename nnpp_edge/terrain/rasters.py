@@ -25,9 +25,10 @@ from nnpp_edge.runtime.cells import Cell, Rectangle, Shape
 from nnpp_edge.runtime.errors import OutputError, TerrainError, optional_module, shown
 from nnpp_edge.runtime.reading import refused_as
 from nnpp_edge.runtime.tuning import THREADS_FROM
-from nnpp_edge.terrain.array_files import Reading, check_room, metres
+from nnpp_edge.terrain.array_files import check_room, known_heights, metres
+from nnpp_edge.terrain.coordinates import cell_on_ground
 from nnpp_edge.terrain.gdal_files import DRIVERS, FORMATS, NO_NETWORK, openable
-from nnpp_edge.terrain.georeference import Georeference, Place
+from nnpp_edge.terrain.georeference import Georeference, Place, cell_sides
 
 if TYPE_CHECKING:
     from rasterio.io import DatasetReader
@@ -51,23 +52,22 @@ _ASCII_HEADER = re.compile(
 )
 _HIGHEST_OFFSET_M = 1e5
 _LEAST_CACHE_BYTES = 1 << 26
-"""Of blocks that GDAL keeps for a raster read by windows; by itself it would keep a twentieth of
-the memory.
-"""
+"""Of blocks that GDAL keeps; by itself it would keep a twentieth of the memory."""
+_MOST_BLOCK_BYTES = 1 << 28
+"""Of the blocks of a row of them, which are in memory at once."""
 
 
-class Raster:
-    """The heights in an open file of one of `FORMATS`; `opened_raster` makes one."""
+class Raster(Place):
+    """An elevation map in an open file of one of `FORMATS`: what `Dem` holds, but its heights are
+    read a rectangle at a time.
+    """
 
-    def __init__(self, path: Path, dataset: "DatasetReader") -> None:
-        self.path = path
-        self.dataset = dataset
-        self.shape: Shape = dataset.shape
-        """Rows and columns."""
-        self.block: Shape = dataset.block_shapes[0]
+    def __init__(self, path: Path, dataset: "DatasetReader", cell_size_m: float | None) -> None:
+        self.source = path
+        self._dataset = dataset
+        self._dtype = np.dtype(dataset.dtypes[0])
+        self._block: Shape = dataset.block_shapes[0]
         """Rows and columns of a block, which is read as one."""
-        self.dtype = np.dtype(dataset.dtypes[0])
-        self.driver = dataset.driver
         if dataset.count != 1:
             raise TerrainError(f"{path}: wanted one band of elevation, got {dataset.count} bands")
         if dataset.dtypes[0].startswith("complex"):
@@ -85,52 +85,90 @@ class Raster:
         self._scale = dataset.scales[0] * unit
         self._offset = 0.0 if abs(offset) > _HIGHEST_OFFSET_M else offset
         structure = dataset.tags(ns="IMAGE_STRUCTURE")
-        self._deflated = self.driver == "GTiff" and structure.get("COMPRESSION") == "DEFLATE"
+        self._deflated = dataset.driver == "GTiff" and structure.get("COMPRESSION") == "DEFLATE"
         self._right: set[Cell] = set()
         """Blocks whose checksums are right."""
+        self.georeference = self._place()
+        cell = cell_on_ground(self, warn=cell_size_m is None)
+        self.sides_m = cell_sides(path, cell, cell_size_m)
+        self.cell_size_m, self.cell_width_m = self.sides_m
+        self.check_place()
 
-    def heights(self, part: Rectangle) -> Float2D:
-        """Metres in a window (row0, col0, rows, cols), NaN where unknown; TerrainError where a
-        block is damaged.
+    @property
+    def shape(self) -> Shape:
+        rows, cols = self._dataset.shape
+        return rows, cols
+
+    def bands(self) -> Iterator[Rectangle]:
+        """Rows that are stored together, from top to bottom."""
+        rows, cols = self.shape
+        high = max(self._block[0], 256)
+        return ((row, 0, min(high, rows - row), cols) for row in range(0, rows, high))
+
+    def read(self, part: Rectangle) -> Float2D:
+        """(rows, cols) float32 heights of a rectangle, NaN where unknown; TerrainError for a broken
+        file.
         """
         row0, col0, rows, cols = part
         window = ((row0, row0 + rows), (col0, col0 + cols))
-        if self._deflated:
-            self._check_blocks(part)
-        heights = metres(self.dataset.read(1, window=window), self._scale, self._offset)
-        heights[self.dataset.read_masks(1, window=window) == 0] = np.nan
-        return heights
+        with refused_as(TerrainError, f"{self.source}: cells {part} could not be read"):
+            if self._deflated:
+                self._check_blocks(part)
+            heights = metres(self._dataset.read(1, window=window), self._scale, self._offset)
+            heights[self._dataset.read_masks(1, window=window) == 0] = np.nan
+        return known_heights(heights)
 
-    def place(self) -> Georeference | None:
+    def read_whole(self) -> Float2D:
+        """All heights; TerrainError, too, where the file was cut short, or memory is."""
+        block_bytes = self._dtype.itemsize * math.prod(self._block)
+        check_room(self.source, self.shape, self._dtype, block_bytes)
+        self._check_length()
+        return self.read((0, 0, *self.shape))
+
+    def check_windows(self) -> None:
+        """TerrainError for a file whose windows cannot be read without much else of it."""
+        high, wide = self._block
+        stored = ""
+        if self._dataset.driver == "AAIGrid":
+            stored = "as text"
+        elif high * max(self.shape[1], wide) * self._dtype.itemsize > _MOST_BLOCK_BYTES:
+            stored = f"in blocks of {high} × {wide} cells"
+        if stored:
+            raise TerrainError(
+                f"{self.source}: wanted a raster that can be read by windows, got one stored "
+                f"{stored}: make it tiled with gdal_translate -of COG"
+            )
+
+    def _place(self) -> Georeference | None:
         """The georeference; None where the file has no transform."""
-        if self.dataset.transform.is_identity:  # how rasterio says that
+        if self._dataset.transform.is_identity:  # how rasterio says that
             return None
-        a, b, c, d, e, f = self.dataset.transform[:6]
-        crs = self.dataset.crs
+        a, b, c, d, e, f = self._dataset.transform[:6]
+        crs = self._dataset.crs
         if crs and crs.is_projected and crs.linear_units_factor[1] != 1.0 and not self._unit:
             warnings.warn(
-                f"{self.path}: coordinates are in {crs.linear_units}, but {READ_IN_METRES}",
+                f"{self.source}: coordinates are in {crs.linear_units}, but {READ_IN_METRES}",
                 stacklevel=2,
             )
         return Georeference(crs.to_wkt() if crs else None, (a, b, c, d, e, f))
 
-    def check_whole(self) -> None:
+    def _check_length(self) -> None:
         """TerrainError for a file cut short where GDAL would fill in zeros and say nothing."""
         cells = math.prod(self.shape)
-        if self.driver == "AAIGrid":
-            text = _ASCII_HEADER.sub("", self.path.read_text("latin-1"))
+        if self._dataset.driver == "AAIGrid":
+            text = _ASCII_HEADER.sub("", self.source.read_text("latin-1"))
             got = np.fromstring(text, dtype=np.float32, sep=" ").size
             if got < cells:
                 raise TerrainError(
-                    f"{self.path}: wanted {cells} heights, got {got} before the end or a word"
+                    f"{self.source}: wanted {cells} heights, got {got} before the end or a word"
                 )
-        elif self.driver in ("EHdr", "PDS"):
-            files = self.dataset.files if self.driver == "PDS" else [self.path]
-            wanted = cells * self.dtype.itemsize
+        elif self._dataset.driver in ("EHdr", "PDS"):
+            files = self._dataset.files if self._dataset.driver == "PDS" else [self.source]
+            wanted = cells * self._dtype.itemsize
             bytes_ = sum(Path(name).stat().st_size for name in files)
             if bytes_ < wanted:
                 raise TerrainError(
-                    f"{self.path}: wanted {wanted} bytes of heights, got {bytes_} with the label"
+                    f"{self.source}: wanted {wanted} bytes of heights, got {bytes_} with the label"
                 )
 
     def _check_blocks(self, part: Rectangle) -> None:
@@ -142,27 +180,27 @@ class Raster:
         long as reading them (24 ns a cell).
         """
         row, col, rows, cols = part
-        high, wide = self.block
+        high, wide = self._block
         down = range(row // high, -(-(row + rows) // high))
         across = range(col // wide, -(-(col + cols) // wide))
         blocks = set(product(down, across)) - self._right
         places = []
         for i, j in sorted(blocks):
             at, size = (
-                self.dataset.get_tag_item(f"BLOCK_{what}_{j}_{i}", dm="TIFF", bidx=1)
+                self._dataset.get_tag_item(f"BLOCK_{what}_{j}_{i}", dm="TIFF", bidx=1)
                 for what in ("OFFSET", "SIZE")
             )
             if at and size:  # others were left out
                 places.append((int(at), int(size)))
 
         def check(first: int, last: int) -> None:
-            with self.path.open("rb") as file:
+            with self.source.open("rb") as file:
                 for at, size in places[first:last]:
                     try:
                         zlib.decompress(os.pread(file.fileno(), size, at))
                     except zlib.error as error:
                         raise TerrainError(
-                            f"{self.path}: wanted whole blocks, got a damaged one at byte {at}"
+                            f"{self.source}: wanted whole blocks, got a damaged one at byte {at}"
                         ) from error
 
         if places:
@@ -171,43 +209,27 @@ class Raster:
 
 
 @contextmanager
-def opened_raster(path: Path, *, by_windows: bool = False) -> Iterator[Raster]:
-    """An open raster of one band of heights, all in files of its own folder; raises as
-    `read_raster`.
+def opened_raster(path: Path) -> Iterator["DatasetReader"]:
+    """An open raster, all of it in files of its own folder; blocks are decoded by several threads,
+    a row of them is kept, and what was read before is forgotten.
 
-    One to be read by windows keeps a row of blocks, decoded by several threads, and forgets what it
-    has read before.
+    Raises errors of `read_dem`, and whatever rasterio raises.
     """
     opened = openable(path)
     rasterio = optional_module("rasterio", f"reading {path.name}", "geo")
-    # An ASCII grid without a decimal point would be read as whole numbers, and its nan as 0.
-    options = {"DATATYPE": "Float64"} if path.suffix.lower() == ".asc" else {}
-    if by_windows:
-        options["NUM_THREADS"] = "ALL_CPUS"
+    options = {"NUM_THREADS": "ALL_CPUS"}
+    if path.suffix.lower() == ".asc":
+        # without a decimal point it would be read as whole numbers, and its nan as 0
+        options["DATATYPE"] = "Float64"
     with _quiet(rasterio), _opened(rasterio, path, opened, **options) as dataset:
         if any(Path(name).parent != opened.parent for name in dataset.files):
             raise TerrainError(
                 f"{path}: wanted a raster whose files lie in its own folder, got {dataset.files}"
             )
-        raster = Raster(path, dataset)
-        if not by_windows:
-            yield raster
-            return
-        high, wide = raster.block
-        row_of_blocks = high * (raster.shape[1] + wide) * raster.dtype.itemsize
+        high, wide = dataset.block_shapes[0]
+        row_of_blocks = high * (dataset.width + wide) * np.dtype(dataset.dtypes[0]).itemsize
         with rasterio.Env(GDAL_CACHEMAX=max(_LEAST_CACHE_BYTES, 5 * row_of_blocks // 2)):
-            yield raster
-
-
-def read_raster(path: Path) -> Reading:
-    """Elevation and georeference of a raster of `FORMATS`; errors of `read_dem`, and whatever
-    rasterio raises.
-    """
-    with opened_raster(path) as raster:
-        block_bytes = raster.dtype.itemsize * math.prod(raster.block)
-        check_room(path, raster.shape, raster.dtype, block_bytes)
-        raster.check_whole()
-        return raster.heights((0, 0, *raster.shape)), None, raster.place()
+            yield dataset
 
 
 def raster_bytes(path: Path, array: npt.ArrayLike, place: Place) -> bytes:

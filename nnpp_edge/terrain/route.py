@@ -4,8 +4,11 @@ import io
 import json
 import math
 import re
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from xml.sax.saxutils import escape
 
 import numpy as np
@@ -21,7 +24,6 @@ from nnpp_edge.terrain.coordinates import lonlat_of
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.facts import Fact
 from nnpp_edge.terrain.georeference import Place, Point
-from nnpp_edge.terrain.vectors import geopackage_bytes
 
 _LOCAL = 'LOCAL_CS["the map\'s own metres",UNIT["metre",1]]'
 _EPSG = re.compile(r'(?:AUTHORITY|ID)\["EPSG",\s*"?(\d+)"?\]\]\s*$')
@@ -144,7 +146,7 @@ class Route:
         along = self.along
         places = np.column_stack((places_of(self.dem, along.points), along.heights_m))
         feature = self._feature(places, properties)
-        return geopackage_bytes("path", json.dumps(feature).encode())
+        return _geopackage("path", json.dumps(feature).encode())
 
     def _feature(self, places: Floats, properties: dict[str, object]) -> dict[str, object]:
         line: list[object] = places.tolist()
@@ -174,6 +176,20 @@ class Route:
             known = f"<ele>{height:.3f}</ele>" if math.isfinite(height) else ""
             out.append(f'<trkpt lat="{lat:.8f}" lon="{lon:.8f}">{known}</trkpt>')
         return "\n".join([*out, "</trkseg></trk>", "</gpx>", ""]).encode()
+
+
+def _geopackage(layer: str, geojson: bytes) -> bytes:
+    """A GeoPackage with a layer made of GeoJSON; MissingExtraError where pyogrio is not
+    installed.
+    """
+    pyogrio = optional_module("pyogrio", "writing a GeoPackage", "vector")
+    with warnings.catch_warnings(), TemporaryDirectory() as folder:
+        warnings.simplefilter("ignore")  # GDAL's
+        file = Path(folder) / "layers.gpkg"
+        meta, _, shapes, values = pyogrio.raw.read(geojson)
+        kinds = {"geometry_type": meta["geometry_type"], "crs": meta["crs"]}
+        pyogrio.raw.write(file, shapes, values, meta["fields"], layer=layer, driver="GPKG", **kinds)
+        return file.read_bytes()
 
 
 def _standing(plan: Plan, poses: Poses | None) -> dict[str, Floats]:

@@ -6,7 +6,7 @@ import io
 import math
 from collections.abc import Sequence
 from dataclasses import fields, replace
-from typing import TypeVar
+from typing import Annotated, TypeVar
 
 import msgspec
 import numpy as np
@@ -43,44 +43,51 @@ Tiles = Sequence[Dem]
 T = TypeVar("T")
 
 
+Count = Annotated[int, msgspec.Meta(ge=1)]
+Share = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
+Weight = Annotated[float, msgspec.Meta(ge=0.0, le=1e9)]
+Side = Annotated[float, msgspec.Meta(ge=LEAST_SIDE_M, le=MOST_SIDE_M)]
+
+
 class Recipe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """All that decides what a data set holds. The same recipe makes the same shards on any machine.
 
-    Raises DataSetError where a number is out of range.
+    msgspec checks its numbers where it is read or converted; DataSetError where they do not go
+    together.
     """
 
     terrain: tuple[str, ...]
     """Elevation files; without any, all terrain is synthetic."""
-    maps: int = 4096
-    seed: int = 1
-    size: int = 256
+    maps: Count = 4096
+    seed: Annotated[int, msgspec.Meta(ge=0)] = 1
+    size: Annotated[int, msgspec.Meta(ge=_SIZE_STEP, multiple_of=_SIZE_STEP)] = 256
     """Side of the network's input, in cells."""
-    blocks: int = 64
+    blocks: Annotated[int, msgspec.Meta(ge=8, multiple_of=8)] = 64
     """The labels' excess is given on blocks × blocks."""
-    points_per_map: int = 4
+    points_per_map: Annotated[int, msgspec.Meta(ge=2)] = 4
     """Queries are all pairs of these."""
-    maps_per_shard: int = 64
-    synthetic_share: float = 0.25
-    obstacle_share: float = 0.3
+    maps_per_shard: Count = 64
+    synthetic_share: Share = 0.25
+    obstacle_share: Share = 0.3
     """Share of maps with rectangles of cost 1."""
-    margin_share: float = 0.15
+    margin_share: Share = 0.15
     """Share of maps of which part is left outside, as maps that are not square are seen."""
-    workloads: tuple[tuple[str, float], ...] = WORKLOADS
+    workloads: tuple[tuple[str, Weight], ...] = WORKLOADS
     """Name and share of each; ``soft`` are the limits as they are."""
-    cell_sizes_m: tuple[float, ...] = (20.0, 10.0, 5.0, 2.0, 1.0)
+    cell_sizes_m: tuple[Side, ...] = (20.0, 10.0, 5.0, 2.0, 1.0)
     """The terrain is taken as self-similar and rescaled to one of these; without any, it stays as
     it is.
     """
-    poolings: tuple[tuple[int, float], ...] = ((1, 0.6), (2, 0.32), (4, 0.08))
+    poolings: tuple[tuple[Count, Weight], ...] = ((1, 0.6), (2, 0.32), (4, 0.08))
     """How many map cells to an input cell's side, and the share of maps: large maps are seen
     averaged.
     """
-    least_distance: float = 0.125
+    least_distance: Share = 0.125
     """Between start and goal, as a share of the map's side."""
-    omega: float = PAPER_OMEGA
+    omega: Annotated[float, msgspec.Meta(gt=0.0, le=1e9)] = PAPER_OMEGA
     limits: dict[str, float] = {}
     """Fields of `Traversability` that are not its defaults: the user's own limits."""
-    stripe: tuple[float, float] = _WHOLE
+    stripe: tuple[Share, Share] = _WHOLE
     """The part of each file that is used: from where to where on its longer side, as
     shares of it.
     """
@@ -91,30 +98,13 @@ class Recipe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     `size` blocks of `poolings` cells to a side (`terrain.known`)."""
 
     def __post_init__(self) -> None:
-        size = self.size
-        blocks = self.blocks
-        counts = [self.maps, self.maps_per_shard, self.points_per_map - 1]
-        counts += [pooling for pooling, _ in self.poolings]
-        shares = (self.synthetic_share, self.obstacle_share, self.margin_share, self.least_distance)
-        drawn = [[share for _, share in each] for each in (self.poolings, self.workloads)]
-        sides = self.cell_sizes_m
+        drawn = [sum(share for _, share in each) for each in (self.poolings, self.workloads)]
         start, end = self.stripe
         checks = {
-            f"size must be a multiple of {_SIZE_STEP}, got {size}": size > 0 == size % _SIZE_STEP,
-            f"blocks must be a multiple of 8 that divides {size}, got {blocks}": (
-                blocks > 0 == blocks % 8 == size % blocks
-            ),
-            "numbers of maps and points must be above 0": min(counts) > 0 <= self.seed,
-            f"shares must lie in [0, 1], got {shares}": 0.0 <= min(shares) <= max(shares) <= 1.0,
-            f"shares must be above 0, got {drawn}": all(
-                min(chances, default=-1) >= 0 < sum(chances) < math.inf for chances in drawn
-            ),
-            f"ω must be above 0, got {self.omega}": 0.0 < self.omega < math.inf,
-            f"cell sizes must be {LEAST_SIDE_M:g} to {MOST_SIDE_M:g} m, got {sides}": all(
-                LEAST_SIDE_M <= side <= MOST_SIDE_M for side in sides
-            ),
-            f"a stripe must lie in [0, 1], got {self.stripe}": 0.0 <= start < end <= 1.0,
-            "synthetic terrain needs a cell size": sides or self.terrain,
+            f"blocks must divide {self.size}, got {self.blocks}": self.size % self.blocks == 0,
+            "shares must be above 0": min(drawn) > 0.0,
+            f"a stripe must have a width, got {self.stripe}": start < end,
+            "synthetic terrain needs a cell size": self.cell_sizes_m or self.terrain,
         }
         for wanted, fits in checks.items():
             if not fits:

@@ -56,7 +56,7 @@ class Site:
     dem: Dem
     path: Path
     reading: Mapping[str, float]
-    """Options of `nnpp-edge plan`, ``cell_size`` and ``resample``, that were given."""
+    """Options of `nnpp-edge plan` that were given: ``cell_size``."""
     bodies: Mapping[str, Body]
     model: str = "edge"
     """The network of the method ``nnpp``."""

@@ -62,8 +62,6 @@ _SHUT = 0.85
 """Likewise where a cell costs most, and where it is impassable."""
 _FLAT = 185
 """Of the relief's lightness, level ground."""
-_LIGHT = (315.0, 45.0)
-"""Azimuth and height of the light of a hillshade, degrees."""
 _MOST_CELLS = 2000
 """Of a side that is drawn: of one twice as long every second cell, and so on."""
 _AROUND = 0.15
@@ -262,18 +260,14 @@ def hillshade(elevation: Float2D, cell_size_m: float, cell_width_m: float | None
     # np.gradient wants two rows and columns
     missing = [(0, max(2 - side, 0)) for side in elevation.shape]
     padded = np.pad(elevation, missing, mode="edge")
-    slopes = np.array(np.gradient(padded, cell_size_m, cell_width_m or cell_size_m))
+    slopes = np.nan_to_num(np.gradient(padded, cell_size_m, cell_width_m or cell_size_m))
     south, east = slopes[:, :rows, :cols]
     tilt = np.hypot(south, east)
-    steep = float(np.nanquantile(tilt, 0.9)) if np.isfinite(tilt).any() else 0.0
-    gain = min(max(0.7 / max(steep, 1e-6), 1.0), 50.0)
-    azimuth, height = (math.radians(angle) for angle in _LIGHT)
-    toward = (math.cos(azimuth) * south - math.sin(azimuth) * east) * gain
-    flat = math.sin(height)
-    light = flat + math.cos(height) * toward
-    light /= np.sqrt(1.0 + gain**2 * tilt**2)
-    shade = 40.0 + 205.0 * np.clip(np.nan_to_num(light, nan=flat), 0.0, 1.0)
-    return np.asarray(shade, np.uint8)
+    steep = max(float(np.quantile(tilt, 0.9)), 1e-6)
+    gain = min(max(0.7 / steep, 1.0), 50.0)
+    # 45 degrees high, and as much from the north as from the west
+    light = (math.sqrt(0.5) + 0.5 * gain * (south + east)) / np.sqrt(1.0 + gain**2 * tilt**2)
+    return np.asarray(40.0 + 205.0 * np.clip(light, 0.0, 1.0), np.uint8)
 
 
 def plan_picture(

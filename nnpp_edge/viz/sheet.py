@@ -1,7 +1,6 @@
 """A map brought to a handy size, what is drawn on it, and a legend below. OpenCV alone.
 
-Lengths in points: a pixel on maps of up to 1000 pixels, more on larger ones. Text is ASCII: OpenCV
-4 has no other.
+Lengths in pixels. Text is ASCII: OpenCV 4 has no other.
 """
 
 import math
@@ -29,6 +28,10 @@ Picture = NDArray[np.uint8]
 Shape = tuple[Sequence[Sequence[float]] | Array, Colour, float]
 """A line of points (x, y), its colour and its width; of width 0 a filled polygon with a rim."""
 
+MARGIN = 18
+"""Of paper around the map."""
+_LINE = 28
+"""Of the legend: from one line to the next."""
 LEAST_PIXELS = 800
 _LARGE = 1200
 """Longer sides, in pixels, below which a map is enlarged and above which it is reduced."""
@@ -39,7 +42,7 @@ large without them.
 _SHIFT = 4
 """Points are drawn to 1/16 pixel."""
 _LEAST_BODY = 7.0
-"""Points of a vehicle's length below which it would be a dot."""
+"""Of a vehicle's length: below, it would be a dot."""
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
 _TURN = np.linspace(0.0, 2.0 * math.pi, 33)
 CIRCLE = np.column_stack((np.cos(_TURN), np.sin(_TURN)))
@@ -51,7 +54,7 @@ _PATCH = np.multiply(np.add(_SQUARE, (1, 0)), (11.0, 7.0))
 
 
 class Key(NamedTuple):
-    """Words in the strip below the map, with a symbol before them that is so many points wide."""
+    """Words in the strip below the map, with a symbol before them of this width."""
 
     words: str
     width: float = 0.0
@@ -79,8 +82,6 @@ class MapDrawing:
         factor = max(math.ceil(least / longest), 1) if longest < _LARGE else _LARGE / longest
         height = max(1, round(rows * factor))
         width = max(1, round(cols * factor))
-        self.unit = max(1.0, max(height, width) / 1000.0)
-        """Pixels to a point: text, lines and symbols are larger on a larger map."""
         self.sides = (height / rows / step, width / cols / step)
         """Pixels of a cell of the map."""
         across = max(width, least)
@@ -88,34 +89,32 @@ class MapDrawing:
         self._origin = origin
 
         # the map in the middle of a strip of paper
-        self.margin = top = round(18 * self.unit)
-        self.left = left = top + (across - width) // 2
-        self.picture = _paper(height + 2 * top, across + 2 * top)
-        self.map = self.picture[top : top + height, left : left + width]
-        """The map's pixels."""
-        self.map[:] = self._enlarged(ground) & SHADES
+        self._left = left = MARGIN + (across - width) // 2
+        self.picture = _paper(height + 2 * MARGIN, across + 2 * MARGIN)
+        self._map = self.picture[MARGIN : MARGIN + height, left : left + width]
+        self._map[:] = self._enlarged(ground) & SHADES
 
     def _enlarged(self, cells: Picture) -> Picture:
-        height, width = self.map.shape[:2]
+        height, width = self._map.shape[:2]
         how = cv2.INTER_NEAREST if height > cells.shape[0] else cv2.INTER_AREA
         return cv2.resize(cells, (width, height), interpolation=how)  # type: ignore[return-value]
 
     def _points(self, cells: Array) -> Floats:
         """(N, 2) x and y of the middles of cells."""
         places: Floats = (cells.astype(np.float64) - self._origin + 0.5) * self.sides - 0.5
-        return np.add(places[:, ::-1], (self.left, self.margin))
+        return np.add(places[:, ::-1], (self._left, MARGIN))
 
     def hatched(self, mask: NDArray[np.bool_]) -> None:
         """Draw ground, (H, W) as that of the map, that is unknown: stripes on paper."""
-        height, width = self.map.shape[:2]
+        height, width = self._map.shape[:2]
         on = self._enlarged(mask.astype(np.uint8)) > 0
         down, across = np.ogrid[:height, :width]
-        stripe = (down + across) % round(9 * self.unit) < 2 * self.unit
-        self.map[on] = PAPER
-        self.map[on & stripe] = UNKNOWN
+        stripe = (down + across) % 9 < 2
+        self._map[on] = PAPER
+        self._map[on & stripe] = UNKNOWN
 
     def line(self, cells: Array, colour: Colour, width: float) -> None:
-        """A path, `width` points wide."""
+        """A path of this width."""
         self._stroke(self._points(cells), colour, width)
 
     def bodies(self, outlines: Sequence[Array]) -> bool:
@@ -123,7 +122,7 @@ class MapDrawing:
         drawn.
         """
         sizes = [np.ptp(outline * self.sides, axis=0).max() for outline in outlines]
-        if max(sizes, default=0.0) < _LEAST_BODY * self.unit:
+        if max(sizes, default=0.0) < _LEAST_BODY:
             return False
         for outline in outlines:
             self.line(outline, PAPER, 3.0)
@@ -142,7 +141,7 @@ class MapDrawing:
         """Draw a place by a polygon, with a number or a sign in it."""
         x, y = self._points(np.array([cell]))[0].tolist()
         self._draw((corners, colour, 0.0), x, y)
-        self._text(sign, x - 0.5 * self._text_width(sign), y)
+        self._text(sign, x - 0.5 * _text_width(sign), y)
 
     def north(self, degrees: float | None) -> list[Key]:
         """A key: an arrow to the map's north, degrees clockwise from up; none where that is
@@ -163,7 +162,7 @@ class MapDrawing:
         most = 0.22 * self._cells_across * cell_size_m
         decade = 10.0 ** math.floor(math.log10(most))
         length_m = max(n * decade for n in (1, 2, 5) if n * decade <= most)
-        right = length_m / cell_size_m * self.sides[1] / self.unit
+        right = length_m / cell_size_m * self.sides[1]
         bar = [(0.0, -5.0), (0.0, 5.0), (0.0, 0.0)]
         bar += [(right, 0.0), (right, -5.0), (right, 5.0)]
         return [Key(metres(length_m), right, [(bar, INK, 1.5)])]
@@ -174,45 +173,44 @@ class MapDrawing:
         row = 0
         placed = []
         for keys in lines:
-            x: float = self.margin
+            x: float = MARGIN
             for key in keys:
-                before = (key.width + 8 * bool(key.shapes)) * self.unit
-                wide = before + self._text_width(key.words)
-                if x > self.margin and x + wide > width - self.margin:
+                before = key.width + 8 * bool(key.shapes)
+                wide = before + _text_width(key.words)
+                if x > MARGIN and x + wide > width - MARGIN:
                     row += 1
-                    x = self.margin
+                    x = MARGIN
                 placed.append((x, row, before, key))
-                x += wide + 26 * self.unit
+                x += wide + 26
             row += bool(keys)
-        height = round(28 * self.unit)
-        strip = _paper(height * row + self.margin // 2, width)
+        strip = _paper(_LINE * row + MARGIN // 2, width)
         self.picture = np.concatenate([self.picture, strip])
         for x, at, before, key in placed:
-            y = bottom + height * (at + 0.5) - self.margin / 2
+            y = bottom + _LINE * (at + 0.5) - MARGIN / 2
             for shape in key.shapes:
                 self._draw(shape, x, y)
             self._text(key.words, x + before, y)
         return self.picture
 
-    def _text_width(self, words: str) -> float:
-        return float(cv2.getTextSize(words, _FONT, 0.5 * self.unit, 1)[0][0])
-
     def _text(self, words: str, x: float, y: float) -> None:
-        place = (round(x), round(y + 5 * self.unit))
-        weight = max(1, round(0.7 * self.unit))
-        cv2.putText(self.picture, words, place, _FONT, 0.5 * self.unit, INK, weight, cv2.LINE_AA)
+        place = (round(x), round(y + 5))
+        cv2.putText(self.picture, words, place, _FONT, 0.5, INK, 1, cv2.LINE_AA)
 
     def _draw(self, shape: Shape, x: float, y: float) -> None:
         points, colour, width = shape
-        placed = np.add(np.multiply(points, self.unit), (x, y))
+        placed = np.add(points, (x, y))
         if not width:
             cv2.fillPoly(self.picture, [_fixed(placed)], colour, cv2.LINE_AA, _SHIFT)
             placed = np.vstack((placed, placed[:1]))
         self._stroke(placed, colour if width else INK, width or 1.0)
 
     def _stroke(self, points: Array, colour: Colour, width: float) -> None:
-        thickness = max(1, round(width * self.unit))
+        thickness = max(1, round(width))
         cv2.polylines(self.picture, [_fixed(points)], False, colour, thickness, cv2.LINE_AA, _SHIFT)
+
+
+def _text_width(words: str) -> int:
+    return cv2.getTextSize(words, _FONT, 0.5, 1)[0][0]
 
 
 def _paper(height: int, width: int) -> Picture:

@@ -7,11 +7,10 @@ import shlex
 import numpy as np
 import pytest
 
-from nnpp_edge.terrain.dem import Dem
-from nnpp_edge.terrain.rasters import raster_bytes
 from nnpp_edge.terrain.shards import shard_content
 from nnpp_edge.terrain.synthetic import synthetic_terrain
-from tests.cli.grounds import PLACE, rolling
+from tests.cli.grounds import LAID, rolling
+from tests.terrain.test_dem import geotiff
 
 
 @pytest.fixture
@@ -53,14 +52,12 @@ def told(run):
 
 
 @pytest.fixture
-def hills(run, tmp_path):
+def hills(run):
     """Heights of rolling ground with an unknown column, in hills.tif and hills.npz; cells
     of 2 m.
     """
     heights = rolling()
     heights[:, 86] = np.nan
-    (tmp_path / "hills.tif").write_bytes(
-        raster_bytes(tmp_path, heights, Dem(heights, 2.0, 2.0, PLACE, tmp_path))
-    )
-    np.savez(tmp_path / "hills.npz", elevation_m=heights, cell_size_m=2.0)
+    geotiff("hills.tif", heights, **LAID)
+    np.savez("hills.npz", elevation_m=heights, cell_size_m=2.0)
     return heights

@@ -62,17 +62,10 @@ def test_one_line_leads_from_a_map_to_a_verdict_and_goes_on_where_it_was_stopped
     ended = run(f"{words} --queries 4")
     assert ended.code == 0, ended.err
     lines = [line for line in ended.out.splitlines() if line.startswith("[")]
-    assert [line.split()[2] for line in lines[:5]] == [
-        "dataset",
-        "dataset",
-        "train",
-        "export",
-        "quantize",
-    ]
+    made = "dataset dataset train export quantize"
+    assert [line.split()[2] for line in lines[:5]] == made.split()
     assert "--held-out" in lines[1] and "--workload limit30" in lines[0]
     assert "verdict: " in ended.out.splitlines()[-1]
-    for other in ("corridor", "edge", "nnpp-untrained"):
-        assert f"own beside {other}: mean gaps differ by" in ended.out
     stamps = {path: path.stat().st_mtime_ns for path in Path("me").rglob("*.np*")}
     weights = Path("me/run/best.pt").read_bytes()
     assert len(stamps) >= 2

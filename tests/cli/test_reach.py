@@ -64,43 +64,27 @@ def test_limits_and_vehicles_bound_what_is_reached(told, reached):
     assert 0 < limited < every > disc
 
 
-def test_within_a_time_on_foot_or_of_a_vehicle_and_within_its_energy(run, told, reached):
-    own = {
-        "mobility": load_mobility("large-rover", gravity_m_s2=9.80665),
-        "vehicle": replace(load_vehicle("large-rover"), max_tilt_deg=40.0, clearance_m=1.5),
-    }
-    for words, most, made in (
-        ("--within-time 1min --step-cost tobler", 60.0, {"step_cost": "tobler"}),
-        ("--within-time 1min --step-cost irmischer", 60.0, {"step_cost": "irmischer"}),
-        (
-            f"--within-time 1min --step-cost tobler {BODY}",
-            60.0,
-            {"step_cost": "tobler", "vehicle": own["vehicle"]},
-        ),
-        (f"--within-time 1h {BODY}", 3600.0, {"step_cost": "time", **own}),
-        (f"--within-energy 30kJ {BODY}", 3e4, {"step_cost": "energy", **own}),
+def test_a_time_an_energy_or_any_cost_is_reached_as_the_planner_reaches_it(run, told, reached):
+    speeds = {"mobility": load_mobility("large-rover", gravity_m_s2=9.80665)}
+    body = {"vehicle": replace(load_vehicle("large-rover"), max_tilt_deg=40.0, clearance_m=1.5)}
+    for words, most, unit, step_cost, made in (
+        ("--within-time 1min --step-cost tobler", 60.0, "s", "tobler", {}),
+        ("--within-time 1min --step-cost irmischer", 60.0, "s", "irmischer", {}),
+        (f"--within-time 1min --step-cost tobler {BODY}", 60.0, "s", "tobler", body),
+        (f"--within-time 1h {BODY}", 3600.0, "s", "time", speeds | body),
+        (f"--within-energy 30kJ {BODY}", 3e4, "J", "energy", speeds | body),
+        ("--within-cost 60 --step-cost linear", 60.0, "", "linear", {}),
+        ("--within-cost 900 --step-cost time --mobility large-rover", 900.0, "s", "time", speeds),
     ):
         found = told(f"{REACH} {words} --levels 2")
-        wanted = reached(most, **made)
+        wanted = reached(most, step_cost=step_cost, **made)
         cells = [int((wanted <= level).sum()) for level in (most / 2, most)]
-        assert [area["cells"] for area in found["areas"]] == cells
+        assert [area["cells"] for area in found["areas"]] == cells, words
         assert 1 < cells[0] < cells[1] and found["areas"][1]["within"] == most
+        assert found["unit"] == unit
     run(f"{REACH} --within-energy 9e3").refused("[mobility.energy]")
-
-
-def test_within_a_cost_of_any_step_cost_in_its_own_unit(run, told, reached):
-    mobility = load_mobility("large-rover", gravity_m_s2=9.80665)
-    units = {"linear": "", "tobler": " s", "irmischer": " s", "time": " s", "energy": " J"}
-    for step_cost, unit in units.items():
-        field = reached(step_cost=step_cost, mobility=mobility)
-        most = round(float(np.median(field[np.isfinite(field)])), 3)
-        words = (
-            f"{REACH} --within-cost {most} --step-cost {step_cost} --mobility large-rover "
-            "--levels 1"
-        )
-        found = told(words)
-        assert (
-            found["areas"][0]["cells"] == int((field <= most).sum())
-            and found["unit"] == unit.strip()
-        )
-        assert f"within a cost of {most:.6g}{unit}  " in run(words).out
+    run(f"{REACH} --within-time 5min").refused("--step-cost tobler")
+    asked = run(f"{REACH} --within-time 5min --step-cost tobler")
+    assert "speeds" in asked.out and "of a walker, by Tobler's function" in asked.out
+    seconds = run(f"{REACH} --within-cost 60 --step-cost tobler --levels 1").out
+    assert "within a cost of 60 s  " in seconds

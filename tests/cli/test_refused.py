@@ -7,11 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rasterio import Affine
 
-from nnpp_edge.terrain.dem import Dem
-from nnpp_edge.terrain.rasters import raster_bytes
-from tests.cli.grounds import PLACE, layer
+from tests.cli.grounds import LAID, with_a_hill
+from tests.terrain.test_dem import geotiff
 
+pytestmark = pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
 ENERGY = "[mobility.energy]\nmass_kg = 50\nrolling_resistance = 0.1\n"
 SHORT = {
     "$PLAN": "plan hills.tif --start 5,5 --goal 70,80",
@@ -29,7 +30,7 @@ fly                                            | no such command 'fly'; see nnpp
 plan                                           | missing argument 'DEM'; see nnpp-edge plan --help
 costmap dem.tif                                | missing option '-o' / '--output'
 plan hills.tif --start 1,1                     | missing option '--goal'
-plan hills.tif --start 1 --goal 2,2            | wanted ROW,COL as two whole numbers, xy:X,Y, lonlat:LON,LAT, or a v
+plan hills.tif --start 1 --goal 2,2            | wanted ROW,COL as two whole numbers, xy:X,Y or lonlat:LON,LAT, got '1'
 plan hills.tif --start xy:nan,1 --goal 2,2     | xy:X,Y
 plan hills.tif --start 1.5,1 --goal 2,2        | two whole numbers
 plan hills.tif --start xy:1e308,1e308 --goal 2,2 | near the map
@@ -37,7 +38,6 @@ plan hills.tif --start lonlat:-94.3,95 --goal 1,1 | latitude 95 of WGS 84 has no
 plan hills.tif --start lonlat:10,50 --goal 1,1 | lies outside the map of 80 × 90 cells
 plan hills.tif --start lonlat:103.83,1 --goal 1,1 | longitude 103.8333 to 103.8349 and latitude 1.3675
 plan hills.tif --start 5,5 --goal xy:0,0       | lies outside the map of 80 × 90 cells, which spans x 28000 to 28180
-plan hills.tif --start two.gpkg --goal 1,1     | --start must be one place, got 2
 plan hills.tif --start 5,5 --goal 9,86 --via 1,1 | goal (9, 86) is impassable
 plan hills.npz --start 5,5 --goal 70,80 -o new --format gpx | --format gpx: | wanted a map with a coordinate system
 plan drive.mcap --start 1,1 --goal 2,2         | drive.mcap: wanted an elevation map, got a recording of messages; `G
@@ -46,10 +46,7 @@ $PLAN --model nope                             | wanted a model file or the name
 $PLAN --model text.txt --method nnpp           | text.txt: wanted an ONNX model
 $PLAN --via 20,86                              | via 1, (20, 86), is impassable
 $PLAN --via 1,1 --via 80,3                     | via 2, (80, 3), lies outside the map
-$PLAN --via far.gpkg                           | via 2, (200, 300), lies outside the map
 $PLAN --best-order                             | --best-order orders the places of --via
-$PLAN --goal 1,1 --via 3,3                     | --goal, with --via, must be one place, got 2
-$PLAN --via none.gpkg                          | lonlat:LON,LAT, or a vector file, got 'none.gpkg'
 $PLAN --step-cost energy                       | with mass_kg and rolling_resistance, such as the shipped vehicles
 $PLAN --step-cost energy                       | step_cost='energy' needs a table [mobility.energy]
 $PLAN --step-cost time --mobility mine.toml    | needs a table [mobility.time]
@@ -61,7 +58,6 @@ $PLAN --format gpx                             | --format needs -o
 $BODY --rescale 2                              | a body is checked on the ground itself: leave it out
 $PLAN --rocks 0.1                              | no such option '--rocks'
 $PLAN --workload body-rocks30                  | 0 to 20 percent
-$PLAN --via path.gpkg -o . --format gpkg       | would replace | path.gpkg
 plan cost.npz --start 1,1 --goal 9,9 --vehicle small-rover | wanted heights, got costs
 $HILL --vehicle none.toml                      | got 'none.toml' (no such file)
 $HILL --set clearance_m=0.3                    | length_m is missing
@@ -81,9 +77,6 @@ $BODY --start 24,25                            | ; the nearest cell where it can
 plan hill.npz --start 10,10 --goal 24,25 --vehicle small-rover | goal (24, 25) is impassable: in any heading
 $BODY --start 0,0                              | start (0, 0) is impassable: in any heading unknown ground
 $BODY --start 60,0                             | lies outside the map
-$PLAN --resample 2                             | finer cells, below 2 m and at most 4194304 of them, got
-$PLAN --resample 0.001                         | finer cells, below 2 m and at most 4194304 of them, got
-$SMALL --resample 1                            | --resample needs the whole map in memory
 $SMALL --vehicle small-rover                   | in memory alone
 $SMALL --method astar                          | --method astar needs the whole map
 $SMALL --compare                               | --compare needs the whole map
@@ -166,7 +159,6 @@ $REACH                                         | give one of --within-cost, --wi
 $REACH --within-cost 3 --within-time 3         | give one of
 $REACH --within-time soon                      | a time such as 90, 90s, 30min or 2h
 $REACH --within-cost 3 --start 9,86            | start (9, 86) is impassable: its elevation is unknown; the nearest
-$REACH --within-cost 3 --start two.gpkg           | --start must be one place, got 2
 $REACH --within-time 3 --step-cost linear      | --within-time counts time already: leave out --step-cost, or give
 $REACH --within-energy 20MN                    | '--within-energy' | 500kJ, 20MJ or 2kWh
 $REACH --within-energy 3 --step-cost tobler    | --within-energy counts energy already: leave out --step-cost
@@ -213,24 +205,17 @@ run --map hills.npz --model text.txt --log text.txt | would replace | which is r
 def place(run, hills, tmp_path):
     """A folder of inputs of all kinds, in which commands run."""
     cliff = 50.0 * np.arange(90.0)
-    for name, more, where in (("nothing", cliff, PLACE), ("bare", 0.0, None)):
-        heights = (hills + more).astype(np.float32)
-        ground = Dem(hills, 2.0, 2.0, where, tmp_path)
-        Path(f"{name}.tif").write_bytes(raster_bytes(tmp_path, heights, ground))
+    geotiff("nothing.tif", (hills + cliff).astype(np.float32), **LAID)
+    geotiff("bare.tif", hills, transform=Affine.identity())
     rows = "\n".join(" ".join(["0.0"] * 90) for _ in range(80))
     Path("grid.asc").write_text(
         f"ncols 90\nnrows 80\nxllcorner 0\nyllcorner 0\ncellsize 2\n{rows}\n"
     )
-    small = (0.02 * np.random.default_rng(0).random((60, 60))).astype(np.float32)
-    small[18:30, 20:30] += np.arange(12, dtype=np.float32)[:, None] * np.float32(0.4)
-    np.savez("hill.npz", elevation_m=small, cell_size_m=0.25)
+    np.savez("hill.npz", elevation_m=with_a_hill(), cell_size_m=0.25)
     np.savez("cost.npz", cost=np.full((60, 60), 0.2, np.float32), cell_size_m=0.25)
-    for name, second in (("two", (1, 1)), ("far", (200, 300))):
-        layer(Path(f"{name}.gpkg"), [(60, 70), second])
     Path("drive.mcap").write_bytes(b"\x89MCAP0\r\n" * 20)
     Path("set").mkdir()
     for name, text in {
-        "path.gpkg": "{}",
         "mine.toml": ENERGY,
         "heavy.toml": ENERGY.replace("50", "-50"),
         "body.toml": "length_m = 1.0\nwidth_m = 0.8\nclearance_m = 0.3\nwheels = 6\n",

@@ -36,7 +36,7 @@ def assert_same(one, other):
 def whole(tmp_path_factory):
     """The folder of a data set made by `RECIPE`."""
     folder = tmp_path_factory.mktemp("whole")
-    make_dataset(RECIPE, folder, workers=2)
+    make_dataset(RECIPE, folder, workers=1)
     return folder
 
 
@@ -183,8 +183,6 @@ OUT_OF_RANGE = """
 
 @pytest.mark.parametrize("changes", cases(OUT_OF_RANGE, 1))
 def test_numbers_out_of_range_are_no_recipe(whole, tmp_path, changes):
-    with pytest.raises(DataSetError):
-        msgspec.structs.replace(RECIPE, **json.loads(changes))
     with pytest.raises(DataSetError, match=r"dataset\.json"):
         read_recipe(changed(whole, tmp_path, changes))
 

@@ -169,7 +169,7 @@ def test_reading_says_nothing_on_the_side_and_the_refusal_gives_the_first_cause(
     refused(tmp_path / "broken.tif")
     path = geotiff(tmp_path / "x.tif", np.zeros((300, 300), np.float32), crs=UTM)
     path.write_bytes(path.read_bytes()[:200_000])
-    with pytest.raises(TerrainError, match=r"x.tif: .*(strip|Strip)") as caught:
+    with pytest.raises(TerrainError, match=r"x.tif: .*([Ss]trip|Cannot read)") as caught:
         read_dem(path)
     assert "See previous exception" not in str(caught.value)
     assert capfd.readouterr() == ("", "") and len(recwarn) == 0
@@ -405,30 +405,6 @@ def test_rescaling_keeps_every_slope(cell_size_m):
     np.testing.assert_array_equal(dem.elevation, HEIGHTS)
 
 
-def test_finer_cells_have_bilinear_heights_at_the_same_places_of_the_map():
-    row, col = np.mgrid[0:9, 0:12].astype(np.float32)
-    heights = 3.0 * row - 2.0 * col + row * col
-    place = Georeference(None, tuple(turned(30.0, 2.0, 1.0))[:6])
-    heights[8, 11] = np.nan
-    dem = Dem(heights, 2.0, 1.0, place, Path("made.tif"))
-    finer = dem.resampled(0.5)
-    assert finer.shape == (33, 45) and (finer.cell_size_m, finer.cell_width_m) == (0.5, 0.25)
-    y, x = np.mgrid[0:33, 0:45] / 4.0
-    assert np.array_equal(np.isnan(finer.elevation), (y > 7.0) & (x > 10.0))
-    known = ~np.isnan(finer.elevation)
-    np.testing.assert_allclose(
-        finer.elevation[known],
-        (3.0 * y - 2.0 * x + y * x)[known],
-        rtol=1e-6,
-        atol=1e-5,
-    )
-    assert finer.map_coordinates(20, 12) == pytest.approx(dem.map_coordinates(5, 3), rel=1e-12)
-    assert dem.resampled(0.6).shape == (27, 37)
-    for cell_size_m in (2.0, 1e-3, math.nan, 1e-320):
-        with pytest.raises(InvalidQueryError, match=r"made.tif: wanted finer cells"):
-            dem.resampled(cell_size_m)
-
-
 @given(
     st.integers(-50, 5000),
     st.integers(-50, 5000),
@@ -447,7 +423,6 @@ def test_every_point_of_a_cell_belongs_to_it(row, col, angle, sides, inset):
 def test_map_coordinates_are_finite_and_without_a_georeference_metres_from_the_first_cell():
     dem = dem_of()
     assert dem.map_coordinates(5, 4) == (16.0, 25.0) and dem.cell_of(17.9, 27.4) == (5, 4)
-    assert dem.resampled(0.5).cell_of(16.0, 25.0) == (50, 40)
     with pytest.raises(InvalidQueryError, match=r"must be finite"):
         dem_of(georeference=Georeference(None, (1, 0, 0, 0, -1, 0))).cell_of(math.nan, 0)
 
@@ -469,16 +444,14 @@ def test_a_map_that_breaks_its_own_terms_cannot_be_made(elevation, size, width):
 
 def test_masked_cells_are_unknown_in_a_map_and_in_a_file(tmp_path):
     """As rasterio's `read(masked=True)` gives them; what lies under the mask is anything."""
-    known = HEIGHTS > 0
-    masked = Dem(np.ma.array(HEIGHTS, mask=~known), 5.0, 4.0, None, Path("made.tif"))
-    assert type(masked.elevation) is np.ndarray
-    np.testing.assert_array_equal(masked.elevation, np.where(known, HEIGHTS, np.nan))
-    with pytest.raises(TerrainError, match="no cell with a known height"):
-        Dem(np.ma.masked_all((2, 2), np.float32), 5.0, 4.0, None, Path("made.tif"))
-    cost = np.ma.array(HEIGHTS.astype(np.int16), mask=~known)
-    (tmp_path / "cost.tif").write_bytes(raster_bytes(Path("cost.tif"), cost, dem_of()))
-    back = read_dem(tmp_path / "cost.tif", cell_size_m=1).elevation
-    np.testing.assert_array_equal(back, np.where(known, cost, np.nan))
+    wanted = np.where(HEIGHTS > 0, HEIGHTS, np.nan)
+    masked = np.ma.array(HEIGHTS, mask=HEIGHTS <= 0)
+    dem = Dem(masked, 5.0, 4.0, None, Path("made.tif"))
+    assert type(dem.elevation) is np.ndarray
+    np.testing.assert_array_equal(dem.elevation, wanted)
+    (tmp_path / "heights.tif").write_bytes(raster_bytes(Path("heights.tif"), masked, dem))
+    back = read_dem(tmp_path / "heights.tif", cell_size_m=1).elevation
+    np.testing.assert_array_equal(back, wanted)
 
 
 # Writing

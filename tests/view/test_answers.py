@@ -108,8 +108,8 @@ def test_what_is_copied_plans_the_same_path(nnpp_edge, site, name):
 def test_what_the_command_line_describes_is_copied_too(nnpp_edge, site):
     options = ("--vehicle", "large-rover", "--set", "max_step_m=0.6", "--mobility", "tracked")
     vehicle = replace(site.bodies["large-rover"].vehicle, max_step_m=0.6)
-    reading = {"cell_size": 3.0, "resample": 1.5}
-    dem = read_dem(site.path, 3.0).resampled(1.5)
+    reading = {"cell_size": 1.5}
+    dem = read_dem(site.path, 1.5)
     given = Site.of(
         dem,
         site.path,

@@ -76,26 +76,28 @@ def test_small_maps_are_enlarged_by_whole_factors_and_large_ones_reduced(shape, 
     assert drawn[0] < height < drawn[0] + 140 * unit
 
 
-def test_start_goal_and_both_paths_stand_on_the_map():
+def test_start_goal_both_paths_and_the_region_stand_on_the_map():
     cost = some_cost(400, 400)
     cost[200:210, :300] = np.inf
     ends = ((40, 60), (350, 330))
     plan = Planner(cost).plan(*ends, method="corridor", keep_regions=True)
     detour = np.array([(40 + n, 60) for n in range(100)], np.int32)
-    chart = Chart(cost, None, (2.0, 2.0))
-    picture = plan_picture(chart, plan, *ends, reference_path=detour)
-    on_map = picture[18:818, 18:818][::2, ::2]
-    assert on_map[40, 60].tolist() == list(START)
-    assert on_map[350, 330].tolist() == list(GOAL)
-    assert on_map[205, 20].tolist() == list(SHUT_GROUND)
+
+    def drawn(plan, **more):
+        return plan_picture(Chart(cost, None, (2.0, 2.0)), plan, *ends, **more)[18:818, 18:818]
+
+    picture = drawn(plan, reference_path=detour)
+    on_map = picture[::2, ::2]
+    marks = {(40, 60): START, (350, 330): GOAL, (205, 20): SHUT_GROUND}
+    assert [tuple(on_map[cell].tolist()) for cell in marks] == list(marks.values())
     assert count(on_map, PATH) > 200
-    alone = plan_picture(chart, plan, *ends)[18:818, 18:818]
-    assert (picture[18:818, 18:818] != alone)[160:230, 120:122].any((1, 2)).all(), "the detour"
-    row, col = plan.path[100]
-    blue, _, red = on_map[row - 5, col].astype(int)
-    plain = plan_picture(chart, replace(plan, region=None), *ends)[18:818, 18:818][::2, ::2]
-    other_blue, _, other_red = plain[row - 5, col].astype(int)
-    assert blue - red > other_blue - other_red + 20, "the region's tint, beside the path"
+    assert (picture != drawn(plan))[160:230, 120:122].any((1, 2)).all(), "the detour"
+    row, col = plan.path[100] - (5, 0)
+    tinted_ground, plain = (
+        each[2 * row, 2 * col].astype(int) for each in (picture, drawn(replace(plan, region=None)))
+    )
+    bluer = (tinted_ground - plain)[0] - (tinted_ground - plain)[2]
+    assert bluer > 20, "the region's tint, beside the path"
 
 
 def test_a_path_on_the_optimum_hides_no_more_than_its_middle():
@@ -164,25 +166,22 @@ def test_maps_of_any_shape_are_drawn(shape):
 
 
 @pytest.mark.parametrize("vehicle", [Vehicle(2.0, 1.0, 0.3), Vehicle(radius_m=0.7)])
-@pytest.mark.parametrize("sides", [(0.5, 0.5), (0.5, 0.25)])
 @pytest.mark.parametrize("step", [(0, 1), (1, 0), (-1, 1)])
-def test_bodies_lie_along_the_path_and_point_ahead(vehicle, sides, step):
+def test_bodies_lie_along_the_path_and_point_ahead(vehicle, step):
+    sides = np.array((0.5, 0.25))
     path = np.add(np.outer(np.arange(60), step), (70, 10))
+    ahead = step * sides / np.hypot(*(step * sides))
+    half_m = np.array((1.0, 0.5) if vehicle.radius_m is None else (0.7, 0.7))
     outlines = body_outlines(path, vehicle, sides)
     assert len(outlines) > 3
-    long, wide = (2.0, 1.0) if vehicle.radius_m is None else (1.4, 1.4)
-    metres = step * np.array(sides)
-    ahead = metres / np.hypot(*metres)
     for outline in outlines:
-        front, *_, middle = (outline - outline[-1]) * sides
-        around = (outline[:-1] - outline[-1]) * sides
-        np.testing.assert_allclose(front - middle, ahead * long / 2.0, atol=1e-9)
-        np.testing.assert_allclose(np.abs(around @ ahead).max(), long / 2.0)
-        left = (-ahead[1], ahead[0])
-        np.testing.assert_allclose(np.abs(around @ left).max(), wide / 2.0)
-    backwards = np.full(60, np.degrees(np.arctan2(metres[1], -metres[0])) + 180.0)
-    front, *_, middle = body_outlines(path, vehicle, sides, backwards)[0] * sides
-    np.testing.assert_allclose(front - middle, -ahead * long / 2.0, atol=1e-9)
+        around = (outline - outline[-1]) * sides
+        np.testing.assert_allclose(around[0], ahead * half_m[0], atol=1e-9)
+        frame = np.array([ahead, (-ahead[1], ahead[0])])
+        np.testing.assert_allclose(np.abs(around @ frame.T).max(0), half_m)
+    backwards = np.full(60, np.degrees(np.arctan2(ahead[1], -ahead[0])) + 180.0)
+    outline = body_outlines(path, vehicle, sides, backwards)[0] * sides
+    np.testing.assert_allclose(outline[0] - outline[-1], -ahead * half_m[0], atol=1e-9)
     assert body_outlines(path[:1], vehicle, sides) == []
 
 
