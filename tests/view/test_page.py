@@ -274,34 +274,6 @@ def test_the_path_is_downloaded(tab):
     assert tab.page.is_visible("[data-format=gpkg]")
 
 
-def test_a_run_is_followed(browser, tmp_path):
-    with serving(write_ground(tmp_path), "--follow") as running:
-        tab = Tab(browser.new_page(), running.address)
-        for tick, start in enumerate(([20, 30], [21, 31])):
-            path = [start, [22, 32], [23, 33]]
-            told = {
-                "type": "path",
-                "tick": tick,
-                "outcome": "OK",
-                "origin": "full",
-                "path": path,
-                "start": start,
-            }
-            running.process.stdin.write(
-                json.dumps(told | {"headings_deg": [135.0, 135.0, 135.0]}) + "\n"
-            )
-            running.process.stdin.flush()
-            tab.until(
-                f"document.querySelector('#live').getAttribute('d') === 'M{start[1]} "
-                f"{start[0]}L32 22L33 23'"
-            )
-        assert tab.page.get_attribute("#driven", "d") == "M30 20L31 21" and tab.page.is_visible(
-            "#robot.headed"
-        )
-        assert "tick 1" in tab.page.inner_text("#following")
-        assert tab.wrong == [] and running.end() == (0, "")
-
-
 def test_arrows_set_headings_and_a_dashed_line_is_driven_backwards(browser, tmp_path):
     car = ("--vehicle", "large-rover", "--set", "turning_radius_m=8", "--set", "reverse_cost=2")
     with serving(write_ground(tmp_path), *car) as running:
