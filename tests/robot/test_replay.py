@@ -5,7 +5,6 @@ most.
 import threading
 import time
 from contextlib import closing
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -207,33 +206,10 @@ def test_a_recorder_that_fails_is_counted_and_the_inputs_come_nevertheless(caplo
     assert not caplog.records[0].exc_info
 
 
-class Full:
-    """A file that takes so many lines whole, and of each further one the first ten bytes, or
-    nothing.
-    """
-
-    def __init__(self, file, lines):
-        self.file = file
-        self.lines = lines
-        self.close = file.close
-        self.name = file.name
-
-    def write(self, line):
-        self.lines -= 1
-        if self.lines < -1:
-            raise OSError(28, "No space left on device")
-        return self.file.write(line if self.lines >= 0 else line[:10])
-
-
-@pytest.mark.parametrize(("lines", "kept"), [(0, []), (2, [(0.0, Pose(1, 2))])])
-def test_on_a_full_disk_nothing_follows_the_line_that_was_cut(tmp_path, monkeypatch, lines, kept):
-    open_file = Path.open
-    with monkeypatch.context() as patched:
-        patched.setattr(
-            Path,
-            "open",
-            lambda *given, **options: Full(open_file(*given, **options), lines),
-        )
+@pytest.mark.parametrize("kept", [[], [(0.0, Pose(1, 2))]])
+def test_on_a_full_disk_nothing_follows_the_line_that_was_cut(tmp_path, full_disk, kept):
+    whole = recorded(tmp_path / "whole.jsonl", *kept).stat().st_size if kept else 0
+    with full_disk(whole + 10):
         recorder = RecordingFile(tmp_path / "scene.jsonl", SHAPE)
     for at_s, message in kept:
         recorder.record(message, at_s)
