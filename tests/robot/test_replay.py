@@ -95,6 +95,16 @@ def test_a_recording_of_a_replay_is_the_replay(tmp_path, drive, navigator):
     assert len({at for at, _ in now}) == 10, "one time for each tick"
 
 
+def test_what_came_is_in_the_file_at_once_and_the_next_recording_has_one_of_its_own(tmp_path):
+    poses = [Pose(n, n) for n in range(9)]
+    with closing(RecordingFile(tmp_path / "scene.jsonl", SHAPE)) as recorder:
+        for at_s, pose in enumerate(poses):
+            recorder.record(pose, at_s)
+        assert list(read_recording(recorder.path, SHAPE)) == list(enumerate(poses))
+    path = recorded(tmp_path / "scene.jsonl")
+    assert path.name == "scene-2.jsonl" and len(list(read_recording(recorder.path))) == 9
+
+
 @pytest.mark.parametrize(("cut", "kept"), [(1, 11), (10, 10), (60, 10)])
 def test_a_line_that_was_cut_off_is_left_out(tmp_path, caplog, cut, kept):
     path = scene(tmp_path / "scene.jsonl", ticks=5)

@@ -1,10 +1,8 @@
-"""Zenoh: another process sends and listens; garbage, floods and listeners that sleep change nothing
+"""Zenoh: another session sends and listens; garbage, floods and listeners that sleep change nothing
 for the loop.
 """
 
-import os
 import re
-import signal
 import socket
 import subprocess
 import sys
@@ -28,27 +26,6 @@ from tests.robot.conftest import free, wait_until
 
 ROOT = Path(__file__).parents[2]
 
-PEER = """
-import json, sys, threading, zenoh
-
-config = zenoh.Config()
-config.insert_json5("mode", '"peer"')
-config.insert_json5("connect/endpoints", json.dumps([sys.argv[1]]))
-config.insert_json5("scouting/multicast/enabled", "false")
-lock = threading.Lock()
-
-def heard(sample):
-    with lock:
-        print(sample.key_expr, sample.payload.to_string(), flush=True)
-
-with zenoh.open(config) as session:
-    subscriber = session.declare_subscriber("nnpp_edge/**", heard)
-    print("listening", flush=True)
-    for line in sys.stdin:
-        key, _, payload = line.rstrip("\\n").partition(" ")
-        session.put("nnpp_edge/" + key, payload, congestion_control=zenoh.CongestionControl.BLOCK)
-"""
-
 
 def free_endpoint():
     with socket.socket() as probe:
@@ -58,43 +35,30 @@ def free_endpoint():
 
 @pytest.fixture
 def link():
-    """A session that another process can reach."""
+    """A session that another one can reach."""
     with closing(ZenohLink(endpoint := free_endpoint())) as link:
         link.endpoint = endpoint
         yield link
 
 
 class Peer:
-    """The other process: `send` has it publish, `heard` is what it received."""
+    """Another session: `send` has it publish, `heard` is what it received."""
 
     def __init__(self, endpoint):
         self.heard = []
-        pipes = dict.fromkeys(("stdin", "stdout"), subprocess.PIPE)
-        self.process = subprocess.Popen([sys.executable, "-c", PEER, endpoint], **pipes, text=True)
-        assert self.process.stdout.readline() == "listening\n"
-        self._thread = threading.Thread(target=self._listen, daemon=True)
-        self._thread.start()
+        self._link = ZenohLink(connect=endpoint)
+        self._link.session.declare_subscriber("nnpp_edge/**", self._hear)
+        self.close = self._link.close
 
-    def send(self, key, payload):
-        text = payload if isinstance(payload, str) else payload.decode()
-        self.process.stdin.write(f"{key} {text}\n")
-        self.process.stdin.flush()
+    def _hear(self, sample):
+        self.heard.append((str(sample.key_expr), sample.payload.to_bytes()))
 
-    def close(self):
-        self.process.kill()
-        self.process.wait()
-        self._thread.join(5.0)
-        self.process.stdin.close()
-        self.process.stdout.close()
+    def send(self, topic, payload):
+        block = self._link.zenoh.CongestionControl.BLOCK
+        self._link.session.put(f"nnpp_edge/{topic}", payload, congestion_control=block)
 
     def of(self, topic):
-        heard = [text for key, text in list(self.heard) if key == f"nnpp_edge/{topic}"]
-        return [decode_output(text.encode()) for text in heard]
-
-    def _listen(self):
-        for line in self.process.stdout:
-            key, _, text = line.rstrip("\n").partition(" ")
-            self.heard.append((key, text))
+        return [decode_output(text) for key, text in self.heard if key == f"nnpp_edge/{topic}"]
 
 
 @pytest.fixture
@@ -106,7 +70,7 @@ def peer(link):
 
 @pytest.fixture
 def listening(link, navigator, peer):
-    """A source of this mailbox that the other process has found."""
+    """A source of this mailbox that the other session has found."""
 
     def start(mailbox):
         source = ZenohSource(link, Refusals(navigator.count_error), mailbox=mailbox)
@@ -121,7 +85,7 @@ def listening(link, navigator, peer):
     return start
 
 
-def test_a_path_goes_to_and_fro_between_two_processes_and_what_makes_no_sense_is_answered(
+def test_a_path_goes_to_and_fro_between_two_sessions_and_what_makes_no_sense_is_answered(
     link,
     peer,
     navigator,
@@ -231,13 +195,27 @@ def test_connections_that_say_nothing_keep_nobody_out(link, navigator):
         wait_until(heard, 6.0)
 
 
-def test_a_listener_that_sleeps_holds_nobody_up(link, peer, navigator):
+SLEEPER = """
+import os, signal, sys
+from nnpp_edge.robot.transports.zenoh_io import ZenohLink
+
+link = ZenohLink(connect=sys.argv[1])
+link.session.declare_subscriber("nnpp_edge/**", print)
+print("listening", flush=True)
+os.kill(os.getpid(), signal.SIGSTOP)
+"""
+
+
+def test_a_listener_that_sleeps_holds_nobody_up(link, navigator):
     navigator.offer(Pose(5, 5))
     navigator.offer(Goal(35, 55))
     sink = ZenohSink(link)
-    os.kill(peer.process.pid, signal.SIGSTOP)
     loop = Loop(navigator, InProcessSource(), [sink], rate_hz=10.0, queue=10_000, paced=False)
-    counters = loop.run(1000)
+    command = [sys.executable, "-c", SLEEPER, link.endpoint]
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as sleeper:
+        assert sleeper.stdout.readline() == b"listening\n"
+        counters = loop.run(1000)
+        sleeper.kill()
     assert counters.ticks == 1000
     assert counters.tick_ms["max"] < 1000.0
     assert "sink zenoh" not in counters.errors
