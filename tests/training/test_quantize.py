@@ -1,30 +1,147 @@
-"""The int8 model of networks that were trained here: what is said of it, and what is refused."""
+"""The int8 model: how it is made, what is said and advised of it, and what is refused."""
 
 import dataclasses
 import json
 import re
+from collections import Counter
+from pathlib import Path
+from types import SimpleNamespace
 
 import msgspec
+import numpy as np
 import onnx
+import onnxruntime
 import pytest
 import torch
 
+from nnpp_edge.calibrate import quantize as making
 from nnpp_edge.calibrate.quantize import quantised_graph
 from nnpp_edge.export.to_onnx import export_network
 from nnpp_edge.model.network import Network
 from nnpp_edge.model.registry import Spec
+from nnpp_edge.profiling import int8
 from nnpp_edge.profiling.int8 import Comparison, quantize
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError, ModelError, OutputError
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.model_file import model_path
-from nnpp_edge.terrain.dataset import make_dataset, read_samples
+from nnpp_edge.terrain.dataset import Samples, make_dataset, read_samples
 from nnpp_edge.training.checkpoint import load_checkpoint
-from nnpp_edge.training.validation import Validator
-from tests.test_made_models import operators_left
+from nnpp_edge.training.unseen import Fit
+from nnpp_edge.training.validation import Judgement, Validator
+from tests.tables import cases, keywords
 from tests.training.conftest import RECIPE, SMALL, enlarged
 
 FIRST = "encoder.stem.1/Conv"
 SECOND = "encoder.widen.1/Conv"
+SHIPPED_FIRST = "encoder.stem.0/Conv"
+SHIPPED_HEAD = "encoder.describe/Conv"
+
+
+def operators_left(path, folder):
+    """Kinds of nodes after onnxruntime's optimisation, and how many of each."""
+    options = onnxruntime.SessionOptions()
+    options.optimized_model_filepath = str(folder / "optimised.onnx")
+    onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
+    return Counter(node.op_type for node in onnx.load(options.optimized_model_filepath).graph.node)
+
+
+@pytest.fixture
+def quantised(tmp_path, monkeypatch):
+    """Quantises edge-fp32 on eight random queries, which are not searched, and returns the report;
+    with the `queries`, those `shown` to a network, and the answers `judged`.
+    """
+    rng = np.random.default_rng(0)
+    planes = rng.integers(256, size=(8, 2, 64, 64), dtype=np.uint8)
+    ends = rng.uniform(0.0, 63.0, (2, 8, 2)).astype(np.float32)
+    queries = Samples(planes, np.arange(8, dtype=np.int32), *ends, planes, planes)
+    shown = []
+    judged = []
+    answer = making.answer
+
+    def judge(answers):
+        judged.append(answers)
+        return Judgement(0.2, 1.0, 0.01 * len(judged), 0.1, 0.1, 0.1)
+
+    def shows(model, given, at):
+        shown.append(at)
+        return answer(model, given, at)
+
+    def quantise(**asked):
+        output = tmp_path / "int8.onnx"
+        return quantize(Path("edge-fp32"), tmp_path, output, validation=tmp_path, **asked)
+
+    for name, stand_in in {
+        "_data": lambda *_: (queries, queries.pick(range(3)), judge),
+        "read_recipe": lambda _: SimpleNamespace(seed=7),
+        "fp32_and_int8_ms": lambda *models: (3.0, 1.0),
+    }.items():
+        monkeypatch.setattr(int8, name, stand_in)
+    monkeypatch.setattr(making, "answer", shows)
+    vars(quantise).update(queries=queries, shown=shown, judged=judged)
+    return quantise
+
+
+def test_an_int8_model_is_close_says_how_it_was_made_and_has_a_card(quantised, tmp_path):
+    report = quantised(card=lambda report: f"of {report.samples} queries")
+    assert quantised.shown == [*range(8), *range(4), *range(3), *range(3)]
+    model = NetworkModel("edge-fp32")
+    exact, rounded = quantised.judged
+    for at, found in enumerate(exact):
+        planes, *ends = quantised.queries.query(at)
+        model.set_map(planes)
+        np.testing.assert_array_equal(model.answer(*ends), found)
+    differences = np.abs(rounded - exact)
+    compared = report.compared
+    assert exact.std() > 0.02 and 1e-6 < differences.mean() < 0.01
+    assert compared.max_difference == differences.max()
+    assert (compared.added_gap, compared.speed_up) == (pytest.approx(1.0), 3.0)
+    assert report.recommendation.startswith("recommended: fp32. int8 pays in speed: ")
+    assert report.int8_bytes < 0.4 * report.fp32_bytes
+    assert (tmp_path / "int8.md").read_text() == "of 8 queries\n"
+
+    found = NetworkModel(report.output).metadata
+    calibration = found.training["calibration"]
+    assert (calibration["samples"], calibration["dataset_seed"]) == (8, 7)
+    assert calibration["agreement"]["max_difference"] == pytest.approx(compared.max_difference)
+    assert found == dataclasses.replace(model.metadata, precision="int8", training=found.training)
+
+
+def test_all_but_the_head_is_in_int8_with_a_scale_for_each_channel(quantised, tmp_path):
+    report = quantised()
+    assert not (tmp_path / "int8.md").exists()
+    left = operators_left(report.output, tmp_path)
+    assert left["QLinearConv"] == len(report.layers) - 1
+    assert (
+        left["QuantizeLinear"] + left["DequantizeLinear"] == 2
+    )  # the map, and what the head reads
+    initializers = onnx.load(report.output).graph.initializer
+    stored = {each.name: onnx.numpy_helper.to_array(each) for each in initializers}
+    kinds = {value.dtype.name for name, value in stored.items() if "zero_point" in name}
+    assert {"uint8", "int8"} <= kinds and "body.encoder.describe.weight" in stored
+    weights = [name.removesuffix("_quantized") for name in stored if "weight_quant" in name]
+    assert len(weights) == left["QLinearConv"]
+    for name in weights:
+        values = stored[f"{name}_quantized"].astype(int)
+        assert len(stored[f"{name}_scale"]) == len(values) and 50 < np.abs(values).max() <= 64
+
+
+def test_layers_come_by_their_errors_and_those_left_out_stay_float(quantised, tmp_path):
+    layers = {each.name: each for each in quantised().layers}
+    errors = [each.error for each in layers.values()]
+    assert errors == sorted(errors, reverse=True) and 1e-3 < errors[-1] <= errors[0] < 0.1
+    assert [name for name, each in layers.items() if not each.quantised] == [SHIPPED_HEAD]
+    of_all = layers[SHIPPED_FIRST].error
+    (tmp_path / "int8.onnx").unlink()
+    layers = {each.name: each for each in quantised(exclude=[SHIPPED_FIRST]).layers}
+    assert layers[SHIPPED_FIRST].error == 0.0 < of_all and not layers[SHIPPED_FIRST].quantised
+
+    def fails(report):
+        raise ZeroDivisionError
+
+    (tmp_path / "int8.onnx").unlink()
+    with pytest.raises(ZeroDivisionError):
+        quantised(card=fails)
+    assert not (tmp_path / "int8.onnx").exists()
 
 
 @pytest.fixture(scope="module")
@@ -114,3 +231,30 @@ def test_the_command_prints_a_table_and_a_recommendation(
         assert (ended.code, json.loads(ended.out)["samples"]) == (code, 8)
         within = f"at most {most} points more are allowed" not in ended.out
         assert within == (code == 0)
+
+
+ADVICE = """
+gap=0.004               | int8 | speed: right after a plan its inference is 2.00 times as fast as fp32; the mean gap goes
+gap=0.004               | int8 | from 0.200 to 0.400 %
+int8_ms=1.6             | fp32 | size alone: right after a plan its inference is 1.25 times
+gap=0.006               | fp32 | ; at most 0.3 points more are allowed
+gap=0.004, most_gap=0.1 | fp32 | ; at most 0.1 points more are allowed
+gap=float("inf")        | fp32 | from 0.200 to inf %; at most 0.3 points
+success=0.98            | fp32 | ; 2.0 % fewer of the queries have a path inside the region
+difference=0.01         | fp32 | ; its probabilities differ by 0.0100: leave nodes float
+error=0.101             | int8 | ; its errors grow by 1.0 %
+error=0.11              | fp32 | ; its errors grow by 10.0 %; 2 % is allowed
+"""
+
+
+@pytest.mark.parametrize(("given", "take", "said"), cases(ADVICE, 3))
+def test_the_recommendation_weighs_speed_cost_and_agreement(given, take, said):
+    usual = keywords("gap=0.002, success=1.0, int8_ms=1.0, difference=0.001, most_gap=0.3")
+    asked = SimpleNamespace(**usual | keywords(given))
+    judged = [Judgement(0.5, 1.0, 0.002, 0.1, 0.1, 0.1)]
+    judged.append(dataclasses.replace(*judged, success=asked.success, gap=asked.gap))
+    if hasattr(asked, "error"):
+        judged = [Fit(0.1, 0.2, error, 0.1) for error in (0.1, asked.error)]
+    compared = Comparison(9, asked.difference, 0.1, *judged, 2.0, asked.int8_ms)
+    words = compared.recommendation(asked.most_gap)
+    assert words.startswith(f"recommended: {take}. int8 pays in ") and said in words
