@@ -15,7 +15,6 @@ import pytest
 
 from nnpp_edge.robot import transports
 from nnpp_edge.robot.operations import onboard
-from nnpp_edge.robot.transports.incoming import Refusals
 from nnpp_edge.robot.transports.recording import RecordingFile, read_recording
 from nnpp_edge.robot.transports.stdio import StdioSource
 from nnpp_edge.robot.transports.wire import decode_output, encode
@@ -171,8 +170,8 @@ def test_an_input_that_fails_ends_the_run_with_an_error(nnpp_edge, dem, tmp_path
     with (tmp_path / "written to").open("wb") as unreadable:
 
         def opened(place, setup):
-            refusals = Refusals(setup.navigator.count_error)
-            return StdioSource(refusals, descriptor=unreadable.fileno())
+            count_error = setup.navigator.count_error
+            return StdioSource(count_error, descriptor=unreadable.fileno())
 
         monkeypatch.setattr(StdioSource, "open", opened)
         ended = nnpp_edge("run", "--map", dem, *QUICK, "--output", "none")

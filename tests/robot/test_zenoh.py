@@ -15,7 +15,6 @@ import pytest
 
 pytest.importorskip("zenoh")
 
-from nnpp_edge.robot.transports.incoming import Refusals
 from nnpp_edge.robot.transports.wire import decode_output, encode
 from nnpp_edge.robot.transports.zenoh_io import LOOPBACK, ZenohLink, ZenohSink, ZenohSource
 from nnpp_edge.runtime import Goal, Ground, Loop, MapPatch, Navigator, Pose
@@ -73,7 +72,7 @@ def listening(link, navigator, peer):
     """A source of this mailbox that the other session has found."""
 
     def start(mailbox):
-        source = ZenohSource(link, Refusals(navigator.count_error), mailbox=mailbox)
+        source = ZenohSource(link, navigator.count_error, mailbox=mailbox)
 
         def known():
             peer.send("goal", encode(Goal(0, 0)))
@@ -91,11 +90,10 @@ def test_a_path_goes_to_and_fro_between_two_sessions_and_what_makes_no_sense_is_
     navigator,
     drive,
 ):
-    refusals = Refusals(navigator.count_error)
     mailbox = Mailbox()
     ended = []
-    sink = ZenohSink(link, refusals)
-    source = ZenohSource(link, refusals, mailbox=mailbox, limit=1000)
+    source = ZenohSource(link, navigator.count_error, mailbox=mailbox, limit=1000)
+    sink = ZenohSink(link, source.refusals)
     thread = threading.Thread(target=lambda: ended.append(drive(navigator, source, [sink])))
     bad = [
         ("pose", "garbage", "JSON is malformed"),
@@ -180,7 +178,7 @@ def test_a_listener_that_runs_out_of_memory_is_a_failure(listening):
 
 
 def test_connections_that_say_nothing_keep_nobody_out(link, navigator):
-    source = ZenohSource(link, Refusals(navigator.count_error))
+    source = ZenohSource(link, navigator.count_error)
     host, port = link.endpoint.removeprefix("tcp/").split(":")
     taken = []
 
@@ -250,7 +248,7 @@ def test_the_client_in_the_documentation_receives_a_path_as_it_stands():
     command = [sys.executable, "-c", client.replace(LOOPBACK, endpoint)]
     navigator = Navigator(Ground(free((80, 90))), "astar")
     with closing(ZenohLink(endpoint)) as link:
-        source = ZenohSource(link, Refusals(navigator.count_error))
+        source = ZenohSource(link, navigator.count_error)
         loop = Loop(navigator, source, [ZenohSink(link)], rate_hz=100.0)
         thread = threading.Thread(target=loop.run)
         thread.start()

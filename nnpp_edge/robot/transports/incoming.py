@@ -53,12 +53,9 @@ class MailboxSource:
     """
 
     def __init__(
-        self,
-        refusals: Refusals,
-        limit: int = LIMIT_BYTES,
-        mailbox: Mailbox | None = None,
+        self, count_error: CountError, limit: int = LIMIT_BYTES, mailbox: Mailbox | None = None
     ) -> None:
-        self.refusals = refusals
+        self.refusals = Refusals(count_error)
         """Messages that were refused, for the sink that answers them."""
         self._limit = limit
         self._mailbox = mailbox or Mailbox()
@@ -75,16 +72,9 @@ class MailboxSource:
     def close(self) -> None:
         """Do nothing: the thread that reads ends with the process."""
 
-    def _take(
-        self,
-        content: bytes | WireError,
-        when_full: WhenFull,
-        kind: str | None = None,
-    ) -> int:
+    def _take(self, content: bytes, when_full: WhenFull, kind: str | None = None) -> int:
         """Put a message into the mailbox, or refuse it; the number of patches dropped for it."""
         try:
-            if isinstance(content, WireError):
-                raise content
             return self._mailbox.put(decode(content, self._limit, kind), when_full=when_full)
         except WireError as error:
             self.refusals.add(error)
