@@ -2,12 +2,14 @@
 
 import time
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from nnpp_edge.robot.transports import incoming
 from nnpp_edge.runtime import Ground, InProcessSink, Loop, Navigator, PathMessage
 
 
@@ -73,6 +75,12 @@ class FullDisk:
 
     def __getattr__(self, name):
         return getattr(self._file, name)
+
+
+@pytest.fixture
+def make_mailbox(monkeypatch):
+    """Have the mailbox of the source that is made next made so."""
+    return partial(monkeypatch.setattr, incoming, "Mailbox")
 
 
 @pytest.fixture

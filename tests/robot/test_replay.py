@@ -67,9 +67,10 @@ def test_a_fast_replay_gives_the_same_answers_each_time(tmp_path, drive, method)
     assert sum(m["outcome"] == "OK" for m in first) > 20
 
 
-def test_inputs_come_at_the_recorded_pace(tmp_path):
+def test_inputs_come_at_the_recorded_pace(tmp_path, monkeypatch):
     now = [50.0]
-    source = ReplaySource(scene(tmp_path / "scene.jsonl", ticks=3), clock=lambda: now[0])
+    source = ReplaySource(scene(tmp_path / "scene.jsonl", ticks=3))
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
     assert [type(m) for m in source.poll()] == [Goal, Pose, MapPatch]
     now[0] += 0.05
     assert not list(source.poll())

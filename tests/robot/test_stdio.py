@@ -4,6 +4,7 @@ import json
 import os
 import threading
 import time
+from functools import partial
 
 import numpy as np
 import pytest
@@ -73,8 +74,11 @@ def received(pipe):
     return [decode_output(message) for message in b"".join(chunks).splitlines()]
 
 
-def test_garbage_is_answered_line_by_line_and_ends_nothing(incoming, outgoing, navigator, drive):
-    source = StdioSource(navigator.count_error, descriptor=incoming.read, limit=2000)
+def test_garbage_is_answered_line_by_line_and_ends_nothing(
+    incoming, outgoing, navigator, drive, monkeypatch
+):
+    monkeypatch.setattr(StdioSource, "limit", 2000)
+    source = StdioSource(navigator.count_error, descriptor=incoming.read)
     sink = StdioSink(source.refusals, descriptor=outgoing.write)
     bad = (b"\x00\xff garbage", b'{"type":"pose"}', b"x" * 300_000, b'{"type":"goal","row":')
     send(incoming, POSE, *bad, GOAL)
@@ -88,9 +92,10 @@ def test_garbage_is_answered_line_by_line_and_ends_nothing(incoming, outgoing, n
     assert ended.paths[-1].ok
 
 
-def test_a_sender_that_is_too_fast_waits(incoming, navigator, drive):
+def test_a_sender_that_is_too_fast_waits(incoming, navigator, drive, make_mailbox):
     patches = [MapPatch(0, n, cost=np.full((40, 40), n)) for n in range(100)]
-    source = StdioSource(navigator.count_error, descriptor=incoming.read, mailbox=Mailbox(4))
+    make_mailbox(partial(Mailbox, 4))
+    source = StdioSource(navigator.count_error, descriptor=incoming.read)
     ended = drive(navigator, source, ticks=10)
     assert ended.counters.ticks == 10, "the loop goes on while nothing comes"
     thread = send(incoming, *map(encode, patches))

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 from contextlib import ExitStack, closing
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -68,11 +69,12 @@ def peer(link):
 
 
 @pytest.fixture
-def listening(link, navigator, peer):
-    """A source of this mailbox that the other session has found."""
+def listening(link, navigator, peer, make_mailbox):
+    """A source with a mailbox of this kind that the other session has found."""
 
     def start(mailbox):
-        source = ZenohSource(link, navigator.count_error, mailbox=mailbox)
+        make_mailbox(mailbox)
+        source = ZenohSource(link, navigator.count_error)
 
         def known():
             peer.send("goal", encode(Goal(0, 0)))
@@ -89,10 +91,14 @@ def test_a_path_goes_to_and_fro_between_two_sessions_and_what_makes_no_sense_is_
     peer,
     navigator,
     drive,
+    make_mailbox,
+    monkeypatch,
 ):
     mailbox = Mailbox()
+    make_mailbox(lambda: mailbox)
+    monkeypatch.setattr(ZenohSource, "limit", 1000)
     ended = []
-    source = ZenohSource(link, navigator.count_error, mailbox=mailbox, limit=1000)
+    source = ZenohSource(link, navigator.count_error)
     sink = ZenohSink(link, source.refusals)
     thread = threading.Thread(target=lambda: ended.append(drive(navigator, source, [sink])))
     bad = [
@@ -126,7 +132,7 @@ def test_a_path_goes_to_and_fro_between_two_sessions_and_what_makes_no_sense_is_
 
 
 def test_of_a_flood_the_newest_are_kept_and_the_rest_is_counted(peer, navigator, listening):
-    source = listening(Mailbox(10))
+    source = listening(partial(Mailbox, 10))
     for n in range(1000):
         peer.send("patch", encode(MapPatch(0, 0, cost=np.full((1, 1), n))))
         if n == 500:
@@ -147,7 +153,7 @@ def test_large_messages_that_wait_do_not_pile_up(peer, listening):
                 free.wait(30.0)
             return super().put(message, when_full=when_full)
 
-    source = listening(Busy())
+    source = listening(Busy)
     patch = encode(MapPatch(0, 0, cost=np.zeros((1000, 1000))))
     before = rss_bytes()
 
@@ -174,7 +180,7 @@ def test_a_listener_that_runs_out_of_memory_is_a_failure(listening):
         def put(self, message, *, when_full):
             raise MemoryError
 
-    assert listening(Full()).failure.startswith("MemoryError")
+    assert listening(Full).failure.startswith("MemoryError")
 
 
 def test_connections_that_say_nothing_keep_nobody_out(link, navigator):

@@ -13,7 +13,6 @@ from nnpp_edge.robot.transports.incoming import MailboxSource, Refusals
 from nnpp_edge.robot.transports.wire import LIMIT_BYTES, encode
 from nnpp_edge.robot.transports.wiring import Setup
 from nnpp_edge.runtime.errors import OutputError
-from nnpp_edge.runtime.loop.connections import Mailbox
 from nnpp_edge.runtime.loop.messages import Output
 from nnpp_edge.runtime.loop.workers import CountError
 
@@ -42,15 +41,8 @@ class StdioSource(MailboxSource):
     is lost. Each message that is refused is added to `refusals`, and the next is read.
     """
 
-    def __init__(
-        self,
-        count_error: CountError,
-        *,
-        descriptor: int = 0,
-        limit: int = LIMIT_BYTES,
-        mailbox: Mailbox | None = None,
-    ) -> None:
-        super().__init__(count_error, limit, mailbox)
+    def __init__(self, count_error: CountError, *, descriptor: int = 0) -> None:
+        super().__init__(count_error)
         os.set_blocking(descriptor, True)  # the parent process may have made it another
         stream = io.BufferedReader(io.FileIO(descriptor, closefd=False), _CHUNK)
         name = "nnpp-edge stdin"
@@ -62,7 +54,7 @@ class StdioSource(MailboxSource):
 
     def _read(self, stream: BinaryIO) -> None:
         with self._reading():
-            for message in messages(stream, self._limit):
+            for message in messages(stream, self.limit):
                 self._take(message, "wait")
             self._mailbox.close()
 

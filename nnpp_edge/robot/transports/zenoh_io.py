@@ -13,7 +13,6 @@ from nnpp_edge.robot.transports.incoming import MailboxSource, Refusals
 from nnpp_edge.robot.transports.wire import LIMIT_BYTES, encode
 from nnpp_edge.robot.transports.wiring import Setup
 from nnpp_edge.runtime.errors import InvalidQueryError, optional_module
-from nnpp_edge.runtime.loop.connections import Mailbox
 from nnpp_edge.runtime.loop.messages import Output, PathMessage
 from nnpp_edge.runtime.loop.workers import CountError
 from nnpp_edge.runtime.reading import refused_as
@@ -82,15 +81,8 @@ class ZenohSource(MailboxSource):
     wait.
     """
 
-    def __init__(
-        self,
-        link: ZenohLink,
-        count_error: CountError,
-        *,
-        limit: int = LIMIT_BYTES,
-        mailbox: Mailbox | None = None,
-    ) -> None:
-        super().__init__(count_error, limit, mailbox)
+    def __init__(self, link: ZenohLink, count_error: CountError) -> None:
+        super().__init__(count_error)
         self.link = link
         self._subscribers = []
         for topic in ("patch", "pose", "goal"):
