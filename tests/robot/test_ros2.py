@@ -1,7 +1,7 @@
 """The node against ROS 2 itself: `nnpp-edge ros` in one process, plain rclpy in this one.
 
-They meet on the loopback interface, in a domain of their own. Messages that are on no wheel
-(grid_map_msgs, nav2_msgs) are built by `ros2_types`.
+They meet on the loopback interface, in a domain of their own. Nav2's messages, which are on no
+wheel, are built by `ros2_types`.
 """
 
 import os
@@ -27,14 +27,12 @@ from nav_msgs.srv import GetPlan
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_sensor_data
-from rclpy.serialization import deserialize_message
 from std_msgs.msg import Int8MultiArray
 
 from nnpp_edge.robot.ros2 import questions as of_questions
 from nnpp_edge.robot.ros2.frames import PoseInFrame
 from nnpp_edge.robot.ros2.session import Session
 from nnpp_edge.ros.maps import MapFrame
-from nnpp_edge.ros.messages import heights_message
 from nnpp_edge.runtime import Counters, DynamicPlanner, Ground, Navigator
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.loop.messages import MapPatch, Pose, StatusMessage
@@ -238,39 +236,6 @@ def test_an_elevation_map_is_sent_and_a_path_got_with_what_the_wheels_have(peer)
     path = np.array([line.split() for line in done.stdout.splitlines()], float)
     assert np.abs(path[[0, -1]] - [(-8.0, 0.0), (8.0, 0.0)]).max() < 0.26
     assert np.hypot(*path.T).min() > 1.5  # around the hill
-
-
-def test_a_window_that_moves_over_unknown_ground_is_taken_in(node, peer):
-    node.run(map_size_m=30.0, resolution=0.25)
-    node.odom(-10.0, 1.0)
-    node.goal(10.0, 1.0)
-    node.path(stopped)
-    kind = import_module("grid_map_msgs.msg").GridMap
-
-    def send(heights, x, side=0.25):
-        """Heights (rows along y, columns along x) around (x, 0)."""
-        rows, cols = heights.shape
-        frame = MapFrame(side, x - 0.5 * side * cols, -0.5 * side * rows)
-        message = deserialize_message(heights_message(heights, frame, 0), kind)
-        peer.publish("elevation_map", message)
-
-    # a dam along y at x = 0, with a gap at y = -3, seen through windows of 5 × 8 m
-    down = 0.25 * (0.5 + np.arange(32)) - 4.0
-    for x in np.arange(-12.5, 13.0, 2.5):
-        along = x + 0.25 * (0.5 + np.arange(20)) - 2.5
-        dam = (np.abs(along) < 0.3) & (np.abs(down + 3.0) >= 0.6)[:, None]
-        send(3.0 * dam, x)
-        time.sleep(0.02)
-    path = node.path()
-    through = path[np.abs(path[:, 0]) < 0.3]
-    assert len(through) and np.abs(through[:, 1] + 3.0).max() < 0.6
-    # what has not been seen stays as it is: NaN tells nothing
-    send(np.full((32, 20), np.nan), 0.0)
-    send(np.zeros((4, 4)), 0.0, side=0.5)
-    node.trouble("elevation_map: wanted cells of 0.25 m, got 0.5 m")
-    assert len(node.path())
-    send(np.full((32, 20), 3.0) * (np.arange(20) == 10), 0.0)
-    node.path(stopped)  # the gap is shut
 
 
 def test_a_life_of_two_rounds_through_all_states(node, peer):

@@ -27,6 +27,8 @@ from nnpp_edge.runtime import Loop
 from nnpp_edge.runtime.loop import settings
 from tests.robot.conftest import wait_until
 from tests.robot.ros2_cases import grid, odometry, posed, stamped
+from tests.robot.test_ros_maps import as_objects
+from tests.robot.test_ros_maps import message as grid_map
 
 pytestmark = pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning")  # of rosidl's
 
@@ -189,6 +191,41 @@ def test_a_part_of_a_map_lies_on_the_newest_that_was_taken_and_unknown_cells_are
     for row in range(60):
         message.data[80 * row + 30] = -1
     alone.hear["map"](message)
+    alone.newest(stopped)
+
+
+def test_windows_of_heights_are_taken_in_and_what_is_not_seen_stays(alone, monkeypatch):
+    monkeypatch.setitem(
+        TOPICS, "elevation_map", "nav_msgs.msg:Path"
+    )  # of no wheel, any type will do
+    alone.begin(map_size_m=30.0, resolution=0.25)
+
+    def send(heights, x=0.0, side=0.25):
+        """Around (x, 0); rows run against x, columns against y."""
+        rows, cols = heights.shape
+        lengths = {"length_x": side * rows, "length_y": side * cols}
+        place = {"resolution": side, "pose": posed(x, 0.0)}
+        window = as_objects(grid_map(values=heights, **lengths, **place))
+        window.header.frame_id = "map"
+        alone.hear["elevation_map"](window)
+
+    heights = np.zeros((120, 120), np.float32)
+    heights[30:32] = 3.0  # a dam along y at x = 7.25, with a gap at y = -3
+    heights[30:32, 69:75] = 0.0
+    send(heights[:60], 7.5)
+    send(heights[60:], -7.5)
+    alone.drive()
+
+    def by_the_gap(places):
+        through = [y for x, y in places if abs(x - 7.25) < 0.3]
+        return through and np.abs(np.add(through, 3.0)).max() < 0.9
+
+    alone.newest(by_the_gap)
+    send(np.full((60, 60), np.nan, np.float32))
+    send(np.zeros((4, 4), np.float32), side=0.5)
+    alone.told("elevation_map: wanted cells of 0.25 m, got 0.5 m")
+    assert by_the_gap(alone.path())
+    send(np.full((4, 120), 3.0, np.float32), 7.25)  # the gap is shut
     alone.newest(stopped)
 
 
