@@ -51,9 +51,7 @@ class Server:
 def serving(*words):
     """A `Server` with these words, ended afterwards."""
     command = [*COMMAND, *map(str, words), "--port", "0", "--no-browser"]
-    process = subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         yield Server(process)
     finally:

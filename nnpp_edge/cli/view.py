@@ -1,7 +1,6 @@
 """`nnpp-edge view`: a page on this machine to look at a map and to try planning on it."""
 
 import signal
-import threading
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -27,9 +26,6 @@ def command(
     start: Annotated[End | None, PLACE, "Initial start of the path, as for plan."] = None,
     goal: Annotated[End | None, PLACE, "As --start."] = None,
     port: Annotated[int, click.IntRange(0, 65535), "Of the page on 127.0.0.1; 0 for any."] = 8765,
-    follow: Annotated[
-        bool, "Show the robot of an `nnpp-edge run` whose answers come on stdin."
-    ] = False,
     no_browser: Annotated[bool, "Print the page's address and open no browser."] = False,
 ) -> None:
     """Open a page to look at the elevation map DEM, and to try planning on it.
@@ -40,7 +36,6 @@ def command(
 
     \b
     nnpp-edge view dem.tif --workload limit20
-    nnpp-edge run --map dem.tif | nnpp-edge view dem.tif --follow
     """
     robot.limits()  # those that make no sense are refused before any work
 
@@ -81,8 +76,6 @@ def command(
             start=asked.start if start else likely[0],
             goal=asked.goal if goal else likely[1],
         )
-        if follow:
-            threading.Thread(target=server.follow, daemon=True).start()
         click.echo(server.address)
         if not no_browser:
             click.launch(server.address)

@@ -193,9 +193,13 @@ class Answerer:
 def path_answer(site: Site, asked: Asked, landscape: Landscape, plan: Plan) -> Answer:
     """A plan: its figures, its line, what lies along it, and how to ask for it elsewhere."""
     unit = unit_of(asked.step_cost)
+    route = None
+    if plan.along is not None and len(plan.path):
+        route = Route.of_plan(plan, landscape.cost, site.dem, landscape.poses)
+    facts = plan_facts(plan, route.facts if route else (), unit)
     answer: Answer = {
         "figures": plan.summary(),
-        "facts": list(lines_of(plan_facts(plan, (), unit)).items()),
+        "facts": list(lines_of(facts).items()),
         "ok": plan.ok,
         "unit": unit,
         "rows": [],
@@ -207,10 +211,8 @@ def path_answer(site: Site, asked: Asked, landscape: Landscape, plan: Plan) -> A
         end = asked.start if plan.status.startswith("START") else asked.goal
         why = f"{plan.reason}: {ground_in_words(site.dem, end)}"
         answer["figures"] = plan.summary() | {"reason": why}
-    if plan.along is None or not len(plan.path):
+    if plan.along is None or route is None:
         return answer
-    route = Route.of_plan(plan, landscape.cost, site.dem, landscape.poses)
-    answer["facts"] = list(lines_of(plan_facts(plan, route.facts, unit)).items())
     rows, cols = plan.along.points.T
     for name, values, digits in (
         ("rows", rows, 2),

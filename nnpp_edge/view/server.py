@@ -7,16 +7,12 @@ import sys
 from contextlib import suppress
 from http.server import BaseHTTPRequestHandler
 from importlib.resources import files
-from io import BufferedReader, FileIO
 from pathlib import Path
 from socketserver import ThreadingTCPServer
 
 import msgspec
 
-from nnpp_edge.robot.transports.stdio import messages
-from nnpp_edge.robot.transports.wire import WireError, decode_output
 from nnpp_edge.runtime.errors import OutputError
-from nnpp_edge.runtime.loop.messages import PathMessage
 from nnpp_edge.runtime.reading import reason
 from nnpp_edge.view.answers import Answerer
 
@@ -49,8 +45,6 @@ class PageServer(ThreadingTCPServer):
     request_queue_size = 64
     answerer: Answerer
     """Set before it serves."""
-    live = b"null"
-    """The newest message of the run that is followed; null without one."""
 
     def __init__(self, port: int) -> None:
         try:
@@ -68,16 +62,6 @@ class PageServer(ThreadingTCPServer):
         """Answer until Ctrl-C."""
         with suppress(KeyboardInterrupt):
             self.serve_forever()
-
-    def follow(self) -> None:
-        """Show what a run says on stdin of its robot, as it comes; what is no message of a run is
-        passed over.
-        """
-        self.live = b"{}"
-        for line in messages(BufferedReader(FileIO(0, closefd=False))):
-            with suppress(WireError):
-                if isinstance(line, bytes) and isinstance(decode_output(line), PathMessage):
-                    self.live = line
 
     def handle_error(self, request: object, client_address: object) -> None:
         """Say what went wrong, unless a tab was closed while it was answered."""
@@ -98,7 +82,7 @@ class _Handler(BaseHTTPRequestHandler):
         elif self.path == "/opening":
             self._send(self.server.answerer.opening(), "application/json")
         elif self.path == "/news":
-            news = {"notice": self.server.answerer.notice, "live": msgspec.Raw(self.server.live)}
+            news = {"notice": self.server.answerer.notice}
             self._send(msgspec.json.encode(news), "application/json")
         elif file := _FILES.get(self.path):
             self._send(file.read_bytes(), mimetypes.guess_type(file)[0] or "text/plain")

@@ -1,11 +1,15 @@
-"""A free map, a loop over a source, and waiting: what tests of transports share."""
+"""A free map, a loop over a source, waiting, and a full disk: what tests of transports share."""
 
 import time
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from nnpp_edge.robot.transports import incoming
 from nnpp_edge.runtime import Ground, InProcessSink, Loop, Navigator, PathMessage
 
 
@@ -53,3 +57,43 @@ def drive():
         return SimpleNamespace(counters=counters, paths=paths)
 
     return run
+
+
+class FullDisk:
+    """A file with room for so many bytes."""
+
+    def __init__(self, file, room):
+        self._file = file
+        self._room = room
+
+    def write(self, data):
+        if not self._room:
+            raise OSError(28, "No space left on device")
+        fitting = data[: self._room]
+        self._room -= len(fitting)
+        return self._file.write(fitting)
+
+    def __getattr__(self, name):
+        return getattr(self._file, name)
+
+
+@pytest.fixture
+def make_mailbox(monkeypatch):
+    """Have the mailbox of the source that is made next made so."""
+    return partial(monkeypatch.setattr, incoming, "Mailbox")
+
+
+@pytest.fixture
+def full_disk(monkeypatch):
+    """A file that is opened meanwhile has room for so many bytes."""
+
+    @contextmanager
+    def opening(room):
+        opened = Path.open
+        with monkeypatch.context() as patched:
+            patched.setattr(
+                Path, "open", lambda *given, **more: FullDisk(opened(*given, **more), room)
+            )
+            yield
+
+    return opening

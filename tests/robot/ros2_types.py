@@ -69,10 +69,43 @@ NEEDED = [
     "service_msgs",
     "unique_identifier_msgs",
 ]
+PARTS = [
+    "rosidl_generator_c",
+    "rosidl_typesupport_fastrtps_c",
+    "rosidl_typesupport_c",
+    "rosidl_generator_py",
+]
+MODULE = "module"
+SOURCES = list(
+    zip(
+        (*PARTS, MODULE),
+        ("gcc", "g++", "g++", "gcc", "gcc"),
+        (
+            "*/detail/*.c",
+            "*/detail/*_c.cpp",
+            "*/*__type_support.cpp",
+            "*/_*_s.c",
+            "_*_s.ep.rosidl_typesupport_c.c",
+        ),
+        strict=True,
+    )
+)
+"""Parts of a package, their compilers and sources."""
+RUNTIME = [
+    "rosidl_runtime_c",
+    "rcutils",
+    "rosidl_typesupport_fastrtps_c",
+    "rosidl_typesupport_fastrtps_cpp",
+    "fastcdr",
+    "rosidl_typesupport_c",
+    "rosidl_typesupport_introspection_c",
+]
 
 
 def built():
-    """The folder of all packages, built when first asked for, for tests to come too."""
+    """The folder of all packages, built when first asked for, for tests to come too; importable from
+    now on.
+    """
     script = Path(__file__)
     stamp = hashlib.sha256(script.read_bytes()).hexdigest()[:12]
     folder = script.parents[2] / "build" / f"ros2-types-{stamp}"
@@ -81,6 +114,8 @@ def built():
         shutil.rmtree(made, ignore_errors=True)
         subprocess.run([sys.executable, script, made], check=True, capture_output=True)
         made.rename(folder)
+    if str(folder) not in sys.path:
+        sys.path.insert(0, str(folder))
     return folder
 
 
@@ -117,7 +152,7 @@ def generate(package, files, folder):
 
 
 def compile_sources(package, folder):
-    """Four libraries and the module that Python imports."""
+    """Four libraries and the module that Python imports; each is linked against those before it."""
     import numpy
 
     place = folder / package
@@ -126,46 +161,16 @@ def compile_sources(package, folder):
     flags = [f"-I{each}" for each in [*includes, numpy.get_include()]]
     flags += ["-shared", "-fPIC", "-O0", "-w", f"-L{place}", f"-L{sys.prefix}/lib"]
     flags.append(f"-Wl,-rpath,$ORIGIN:{sys.prefix}/lib")
-
-    def of_needed(part):
-        return [f"-l{each}__{part}" for each in NEEDED]
-
-    def own(*parts):
-        return [f"-l{package}__{part}" for part in parts]
-
-    c = "rosidl_generator_c"
-    cpp = "rosidl_typesupport_fastrtps_c"
-    runtime = ["-lrosidl_runtime_c", "-lrcutils"]
-    fastcdr = ["-lrosidl_typesupport_fastrtps_c", "-lrosidl_typesupport_fastrtps_cpp", "-lfastcdr"]
-    both = own(c, cpp, "rosidl_typesupport_c")
-    module = place / f"{package}_s__rosidl_typesupport_c.so"
-    jobs = (
-        ("gcc", "*/detail/*.c", library(package, c), of_needed(c) + runtime),
-        ("g++", "*/detail/*_c.cpp", library(package, cpp), own(c) + of_needed(cpp) + fastcdr),
-        (
-            "g++",
-            "*/*__type_support.cpp",
-            library(package, "rosidl_typesupport_c"),
-            own(c, cpp)
-            + of_needed("rosidl_typesupport_c")
-            + ["-lrosidl_typesupport_c", "-lrosidl_typesupport_introspection_c"],
-        ),
-        (
-            "gcc",
-            "*/_*_s.c",
-            library(package, "rosidl_generator_py"),
-            both + of_needed("rosidl_generator_py"),
-        ),
-        ("gcc", "_*_s.ep.rosidl_typesupport_c.c", module.name, own("rosidl_generator_py") + both),
-    )
-    for compiler, pattern, target, libraries in jobs:
+    libraries = [f"-l{each}__{part}" for each in NEEDED for part in PARTS]
+    libraries += [f"-l{each}" for each in RUNTIME]
+    for part, compiler, pattern in SOURCES:
+        target = f"lib{package}__{part}.so"
+        if part == MODULE:
+            target = f"{package}_s__rosidl_typesupport_c.so"
         sources = sorted(map(str, place.glob(pattern)))
         command = [compiler, *sources, *flags, "-o", str(place / target), *libraries]
         subprocess.run(command, check=True)
-
-
-def library(package, part):
-    return f"lib{package}__{part}.so"
+        libraries.insert(0, f"-l{package}__{part}")
 
 
 if __name__ == "__main__":

@@ -5,7 +5,6 @@ most.
 import threading
 import time
 from contextlib import closing
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -68,9 +67,10 @@ def test_a_fast_replay_gives_the_same_answers_each_time(tmp_path, drive, method)
     assert sum(m["outcome"] == "OK" for m in first) > 20
 
 
-def test_inputs_come_at_the_recorded_pace(tmp_path):
+def test_inputs_come_at_the_recorded_pace(tmp_path, monkeypatch):
     now = [50.0]
-    source = ReplaySource(scene(tmp_path / "scene.jsonl", ticks=3), clock=lambda: now[0])
+    source = ReplaySource(scene(tmp_path / "scene.jsonl", ticks=3))
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
     assert [type(m) for m in source.poll()] == [Goal, Pose, MapPatch]
     now[0] += 0.05
     assert not list(source.poll())
@@ -94,6 +94,16 @@ def test_a_recording_of_a_replay_is_the_replay(tmp_path, drive, navigator):
     now = list(read_recording(recorder.path, SHAPE))
     assert [encode(message) for _, message in now] == [encode(message) for _, message in was]
     assert len({at for at, _ in now}) == 10, "one time for each tick"
+
+
+def test_what_came_is_in_the_file_at_once_and_the_next_recording_has_one_of_its_own(tmp_path):
+    poses = [Pose(n, n) for n in range(9)]
+    with closing(RecordingFile(tmp_path / "scene.jsonl", SHAPE)) as recorder:
+        for at_s, pose in enumerate(poses):
+            recorder.record(pose, at_s)
+        assert list(read_recording(recorder.path, SHAPE)) == list(enumerate(poses))
+    path = recorded(tmp_path / "scene.jsonl")
+    assert path.name == "scene-2.jsonl" and len(list(read_recording(recorder.path))) == 9
 
 
 @pytest.mark.parametrize(("cut", "kept"), [(1, 11), (10, 10), (60, 10)])
@@ -207,33 +217,10 @@ def test_a_recorder_that_fails_is_counted_and_the_inputs_come_nevertheless(caplo
     assert not caplog.records[0].exc_info
 
 
-class Full:
-    """A file that takes so many lines whole, and of each further one the first ten bytes, or
-    nothing.
-    """
-
-    def __init__(self, file, lines):
-        self.file = file
-        self.lines = lines
-        self.close = file.close
-        self.name = file.name
-
-    def write(self, line):
-        self.lines -= 1
-        if self.lines < -1:
-            raise OSError(28, "No space left on device")
-        return self.file.write(line if self.lines >= 0 else line[:10])
-
-
-@pytest.mark.parametrize(("lines", "kept"), [(0, []), (2, [(0.0, Pose(1, 2))])])
-def test_on_a_full_disk_nothing_follows_the_line_that_was_cut(tmp_path, monkeypatch, lines, kept):
-    open_file = Path.open
-    with monkeypatch.context() as patched:
-        patched.setattr(
-            Path,
-            "open",
-            lambda *given, **options: Full(open_file(*given, **options), lines),
-        )
+@pytest.mark.parametrize("kept", [[], [(0.0, Pose(1, 2))]])
+def test_on_a_full_disk_nothing_follows_the_line_that_was_cut(tmp_path, full_disk, kept):
+    whole = recorded(tmp_path / "whole.jsonl", *kept).stat().st_size if kept else 0
+    with full_disk(whole + 10):
         recorder = RecordingFile(tmp_path / "scene.jsonl", SHAPE)
     for at_s, message in kept:
         recorder.record(message, at_s)

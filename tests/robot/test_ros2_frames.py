@@ -10,11 +10,10 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from geometry_msgs.msg import Pose, Quaternion
-
 from nnpp_edge.robot.ros2.frames import Frames
 from nnpp_edge.robot.ros2.parameters import Own
 from nnpp_edge.runtime.loop.messages import InvalidMessageError
+from tests.robot.ros2_cases import posed
 
 ON_MAP = {"odom": (10.0, 5.0, 90.0), "base_link": (9.0, 7.0, 135.0)}
 """Where the frames lie on the map: x, y and yaw."""
@@ -46,13 +45,6 @@ def do_transform_pose(pose, transform):
         y + math.sin(yaw) * at.x + math.cos(yaw) * at.y,
         yaw_deg + math.degrees(own_yaw),
     )
-
-
-def posed(x, y, yaw_deg):
-    half = math.radians(yaw_deg) / 2.0
-    found = Pose(orientation=Quaternion(z=math.sin(half), w=math.cos(half)))
-    found.position.x, found.position.y = x, y
-    return found
 
 
 @pytest.fixture

@@ -5,7 +5,6 @@ More of them: ``NNPP_EDGE_MESSAGES=10000 pytest tests/robot/test_ros2_messages.p
 """
 
 import os
-import sys
 from importlib import import_module
 
 import numpy as np
@@ -23,14 +22,8 @@ pytestmark = pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning"
 COUNT = int(os.environ.get("NNPP_EDGE_MESSAGES", "100"))
 
 
-@pytest.fixture(scope="module", autouse=True)
-def types():
-    sys.path.insert(0, str(built()))
-    yield
-    sys.path.remove(str(built()))
-
-
 def kind_of(name):
+    built()
     package, _, kind = name.partition("/")
     return getattr(import_module(f"{package}.msg"), kind)
 

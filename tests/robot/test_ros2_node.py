@@ -13,8 +13,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 import rclpy
-from geometry_msgs.msg import Pose, PoseStamped, Quaternion
-from nav_msgs.msg import MapMetaData, OccupancyGrid, Odometry, Path
+from nav_msgs.msg import Path
 from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import PointCloud2
@@ -27,22 +26,11 @@ from nnpp_edge.robot.ros2.node import PlannerNode
 from nnpp_edge.runtime import Loop
 from nnpp_edge.runtime.loop import settings
 from tests.robot.conftest import wait_until
+from tests.robot.ros2_cases import grid, odometry, posed, stamped
+from tests.robot.test_ros_maps import as_objects
+from tests.robot.test_ros_maps import message as grid_map
 
 pytestmark = pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning")  # of rosidl's
-IN_MAP = Header(frame_id="map")
-
-
-def grid(rows=40, cols=60, **info):
-    """A free map of cells of 0.25 m."""
-    fields = {"resolution": 0.25, "width": cols, "height": rows} | info
-    return OccupancyGrid(header=IN_MAP, info=MapMetaData(**fields), data=[0] * (rows * cols))
-
-
-def at(x, y, **turn):
-    pose = Pose(orientation=Quaternion(**turn))
-    pose.position.x = x
-    pose.position.y = y
-    return pose
 
 
 class Alone:
@@ -87,12 +75,10 @@ class Alone:
     def drive(self):
         """Stand at one end of a room, and be sent to the other."""
         self.stand()
-        self.hear["goal_pose"](PoseStamped(header=IN_MAP, pose=at(14.0, 1.0)))
+        self.hear["goal_pose"](stamped(14.0, 1.0))
 
     def stand(self, pose=None):
-        odometry = Odometry(header=IN_MAP)
-        odometry.pose.pose = pose or at(1.0, 1.0)
-        self.hear["odom"](odometry)
+        self.hear["odom"](odometry(pose or posed(1.0, 1.0)))
 
     def path(self, holds=len):
         """The next path that is as wanted: (x, y) of its poses."""
@@ -140,32 +126,16 @@ def alone(monkeypatch):
     rclpy.shutdown()
 
 
-def framed(kind, frame_id, **fields):
-    return kind(header=Header(frame_id=frame_id), **fields)
-
-
 BAD = (
     ("map", grid(resolution=math.nan), "resolution must be metres above 0, got nan"),
     ("map", grid(20, 30, resolution=1e-9), "wanted cells of at least 0.003 m for a vehicle of 0.6"),
     ("map", grid(width=2**32 - 1), "wanted 40 × 4294967295 whole numbers as data"),
-    (
-        "map",
-        framed(OccupancyGrid, "odom", info=grid().info, data=grid().data),
-        "wanted a map in the",
-    ),
+    ("map", grid(frame_id="odom"), "wanted a map in the"),
     ("elevation_points", PointCloud2(), "wanted map_size_m or map_file for elevations"),
-    ("goal_pose", framed(PoseStamped, "base_link"), "wanted a goal in the frame 'map', got one in"),
-    (
-        "goal_pose",
-        framed(PoseStamped, "map", pose=at(1.0, 1.0, w=0.0)),
-        "wanted a goal with a unit",
-    ),
-    ("pose", framed(PoseStamped, "odom"), "wanted a pose in the frame 'map', got one in 'odom'"),
-    (
-        "odom",
-        framed(Odometry, "map", child_frame_id="camera"),
-        "wanted the robot's frame 'base_link'",
-    ),
+    ("goal_pose", stamped(1.0, 1.0, frame_id="base_link"), "wanted a goal in the frame 'map', got"),
+    ("goal_pose", stamped(1.0, 1.0, w=0.0), "wanted a goal with a unit"),
+    ("pose", stamped(1.0, 1.0, frame_id="odom"), "wanted a pose in the frame 'map', got one in"),
+    ("odom", odometry(posed(1.0, 1.0), child_frame_id="camera"), "wanted the robot's frame"),
 )
 
 
@@ -181,7 +151,7 @@ def test_what_is_refused_leaves_the_loop_as_it_was(alone):
             assert alone.path() == before
         alone.hear["map"](grid())
     wait_until(lambda: "map: " not in alone.told())  # once another is taken
-    alone.hear["map"](grid(80, 100, origin=at(-1.0, -1.0)))  # the robot and its goal stay there
+    alone.hear["map"](grid(80, 100, x=-1.0, y=-1.0))  # the robot and its goal stay there
     assert alone.path() == before
 
 
@@ -194,7 +164,7 @@ def test_what_cannot_be_gone_to_stops_who_follows_and_is_told(alone):
         (7.6, 5.1, "GOAL_BLOCKED: the goal is impassable"),
     ):
         assert alone.path()
-        alone.hear["goal_pose"](PoseStamped(header=IN_MAP, pose=at(x, y)))
+        alone.hear["goal_pose"](stamped(x, y))
         assert alone.newest(stopped) == []
         alone.told(words)
         alone.drive()
@@ -205,22 +175,57 @@ def test_a_part_of_a_map_lies_on_the_newest_that_was_taken_and_unknown_cells_are
 ):
     monkeypatch.setitem(TOPICS, "map_updates", "nav_msgs.msg:Path")  # of no wheel, any type will do
     alone.begin(radius_m=0.3)
-    alone.hear["map"](grid(60, 80, origin=at(-2.0, -2.0)))
+    alone.hear["map"](grid(60, 80, x=-2.0, y=-2.0))
     alone.drive()
     assert alone.path()
     alone.hear["map"](grid(resolution=1e-9))
     wall = np.full(60, 100)
     wall[40:45] = 0
     alone.hear["map_updates"](
-        SimpleNamespace(header=IN_MAP, x=30, y=0, width=1, height=60, data=wall)
+        SimpleNamespace(header=Header(frame_id="map"), x=30, y=0, width=1, height=60, data=wall)
     )
     places = np.array(alone.newest(lambda places: np.ptp(places, axis=0)[1] > 1.0))
     gap = np.abs(places - (5.625, 8.625))
     assert gap[gap[:, 0] < 0.2, 1].max() < 0.4
-    message = grid(60, 80, origin=at(-2.0, -2.0))
+    message = grid(60, 80, x=-2.0, y=-2.0)
     for row in range(60):
         message.data[80 * row + 30] = -1
     alone.hear["map"](message)
+    alone.newest(stopped)
+
+
+def test_windows_of_heights_are_taken_in_and_what_is_not_seen_stays(alone, monkeypatch):
+    monkeypatch.setitem(
+        TOPICS, "elevation_map", "nav_msgs.msg:Path"
+    )  # of no wheel, any type will do
+    alone.begin(map_size_m=30.0, resolution=0.25)
+
+    def send(heights, x=0.0, side=0.25):
+        """Around (x, 0); rows run against x, columns against y."""
+        rows, cols = heights.shape
+        lengths = {"length_x": side * rows, "length_y": side * cols}
+        place = {"resolution": side, "pose": posed(x, 0.0)}
+        window = as_objects(grid_map(values=heights, **lengths, **place))
+        window.header.frame_id = "map"
+        alone.hear["elevation_map"](window)
+
+    heights = np.zeros((120, 120), np.float32)
+    heights[30:32] = 3.0  # a dam along y at x = 7.25, with a gap at y = -3
+    heights[30:32, 69:75] = 0.0
+    send(heights[:60], 7.5)
+    send(heights[60:], -7.5)
+    alone.drive()
+
+    def by_the_gap(places):
+        through = [y for x, y in places if abs(x - 7.25) < 0.3]
+        return through and np.abs(np.add(through, 3.0)).max() < 0.9
+
+    alone.newest(by_the_gap)
+    send(np.full((60, 60), np.nan, np.float32))
+    send(np.zeros((4, 4), np.float32), side=0.5)
+    alone.told("elevation_map: wanted cells of 0.25 m, got 0.5 m")
+    assert by_the_gap(alone.path())
+    send(np.full((4, 120), 3.0, np.float32), 7.25)  # the gap is shut
     alone.newest(stopped)
 
 
@@ -241,7 +246,7 @@ def test_whatever_fails_on_the_way_to_a_new_map_the_loop_before_goes_on(
 ):
     alone.begin_to_drive(grid())
     before = alone.path()
-    other = grid(origin=at(-0.5, -0.5))
+    other = grid(x=-0.5, y=-0.5)
     with monkeypatch.context() as patched:
         patched.setattr(module, name, raising)
         alone.hear["map"](other)
@@ -275,9 +280,9 @@ def test_without_a_loop_an_empty_path_is_out_at_once_and_a_diagnostic_says_why(a
 
 
 BAD_POSES = (
-    (at(1.0, 1.0, w=0.0), "wanted a pose with a unit quaternion"),
-    (at(1.0, 1.0, w=math.nan), "wanted a pose with a unit quaternion"),
-    (at(math.inf, 1.0), "wanted a pose at finite metres"),
+    (posed(1.0, 1.0, w=0.0), "wanted a pose with a unit quaternion"),
+    (posed(1.0, 1.0, w=math.nan), "wanted a pose with a unit quaternion"),
+    (posed(math.inf, 1.0), "wanted a pose at finite metres"),
 )
 
 
@@ -296,7 +301,7 @@ def test_a_pose_that_is_refused_makes_the_one_before_no_younger(alone):
     alone.newest(too_old)
     alone.told("NO_POSE: the newest pose is ")
     alone.set(odom_timeout_s=0.0)
-    alone.stand(at(1e300, 1.0))
+    alone.stand(posed(1e300, 1.0))
     alone.told("START_OUTSIDE_MAP: the map has (40, 60) cells")
     alone.stand()
     assert alone.newest()

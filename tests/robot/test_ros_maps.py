@@ -35,54 +35,37 @@ VALUES = np.array([[1, 2, 3], [4, 5, 6]], np.float32)
 AGAINST_X = MapFrame(1.0, 6.0, 8.5, rows_along_x=True)
 
 
-def pose(turned=0.0):
-    return {
-        "position": {"x": 5.0, "y": 7.0, "z": 0.0},
-        "orientation": {"x": 0.0, "y": 0.0, "z": turned, "w": 1.0},
-    }
+HEADER = {"frame_id": "odom"}
 
 
-def occupancy_message(**changes):
+def pose():
+    turn = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
+    return {"position": {"x": 5.0, "y": 7.0, "z": 0.0}, "orientation": turn}
+
+
+def occupancy_message():
     """A nav_msgs/OccupancyGrid as nested dicts: three columns along x, two rows along y, cells of
     half a metre.
     """
     info = {"resolution": 0.5, "width": 3, "height": 2, "origin": pose()}
-    return {
-        "header": {"frame_id": "odom"},
-        "info": info | changes,
-        "data": [0, 50, -1, 98, 99, 100],
-    }
+    return {"header": HEADER.copy(), "info": info, "data": [0, 50, -1, 98, 99, 100]}
 
 
-def message(start=(1, 2), values=VALUES, row_by_row=False, turned=0.0, **changes):
+def message(start=(1, 2), values=VALUES, row_by_row=False, **sides):
     """A grid_map_msgs/GridMap as nested dicts, whose ring begins at `start`."""
-    rows, cols = values.shape
-    ring = np.empty_like(values)
-    for i, j in np.ndindex(rows, cols):
-        row = (i + start[0]) % rows
-        col = (j + start[1]) % cols
-        ring[row, col] = values[i, j]
-    flat = ring.reshape(-1, order="F")
-    dims = [("column_index", cols), ("row_index", rows)]
-    if row_by_row:
-        flat = ring.reshape(-1)
-        dims = dims[::-1]
-    layout = {
-        "dim": [{"label": label, "size": size, "stride": 0} for label, size in dims],
-        "data_offset": 0,
-    }
-    info = {
-        "resolution": 1.0,
-        "length_x": float(rows),
-        "length_y": float(cols),
-        "pose": pose(turned),
-    }
+    ring = np.roll(values, start, axis=(0, 1))
+    rows, cols = ring.shape
+    sizes = {"column_index": cols, "row_index": rows}
+    dims = [{"label": label, "size": size, "stride": 0} for label, size in sizes.items()]
+    layout = {"dim": dims[::-1] if row_by_row else dims, "data_offset": 0}
+    data = ring.ravel("C" if row_by_row else "F").tolist()
+    lengths = {"length_x": float(rows), "length_y": float(cols)}
     return {
-        "header": {"frame_id": "odom"},
-        "info": info | changes,
+        "header": HEADER.copy(),
+        "info": {"resolution": 1.0, **lengths, "pose": pose()} | sides,
         "layers": ["elevation"],
         "basic_layers": [],
-        "data": [{"layout": layout, "data": flat.tolist()}],
+        "data": [{"layout": layout, "data": data}],
         "outer_start_index": start[0],
         "inner_start_index": start[1],
     }
@@ -91,22 +74,22 @@ def message(start=(1, 2), values=VALUES, row_by_row=False, turned=0.0, **changes
 def cloud_message(points=((5.2, 7.9, 1.5), (5.9, 7.6, 2.0)), kind="<f4", pad=0, height=1):
     """A sensor_msgs/PointCloud2 as nested dicts: `pad` bytes before each point and after each row."""
     dtype = np.dtype(kind)
-    step = pad + 3 * dtype.itemsize
+    side = dtype.itemsize
     rows = np.array(points, dtype).reshape(height, -1, 3)
     gap = b"?" * pad
     data = b"".join(b"".join(gap + point.tobytes() for point in row) + gap for row in rows)
     fields = [
-        {"name": name, "offset": pad + n * dtype.itemsize, "datatype": dtype.itemsize // 4 + 6}
+        {"name": name, "offset": pad + n * side, "datatype": side // 4 + 6}
         for n, name in enumerate("xyz")
     ]
     return {
-        "header": {"frame_id": "odom"},
+        "header": HEADER.copy(),
         "height": height,
         "width": rows.shape[1],
         "fields": fields,
         "is_bigendian": kind[0] == ">",
-        "point_step": step,
-        "row_step": step * rows.shape[1] + pad,
+        "point_step": pad + 3 * side,
+        "row_step": len(data) // height,
         "data": data,
     }
 
@@ -147,33 +130,29 @@ def test_an_occupancy_grid_is_read_row_by_row_along_y():
     assert grid.frame.cell(4.9, 7.6) == (1, -1)
 
 
-def test_messages_are_read_as_other_libraries_decode_them():
+FRAME = MapFrame(0.5, 2.5, 2.0)
+COST = np.array([[0.25, NAN, np.inf]], np.float32)
+HEIGHTS = np.array([[1, 2, 3], [4, NAN, 6]], np.float32)
+
+
+@pytest.mark.parametrize(
+    ("kind", "content", "patch_of", "wanted"),
+    [
+        (GridMap, heights_message(HEIGHTS, FRAME, 0), grid_map_patch, HEIGHTS),
+        (OccupancyGrid, grid_message(COST, FRAME, 0), occupancy_patch, COST),
+    ],
+)
+def test_messages_are_read_as_other_libraries_decode_them(kind, content, patch_of, wanted):
     """mcap-ros2-support hands out objects with lists, of bytes that this package and those
     libraries write alike.
     """
     from mcap_ros2._dynamic import generate_dynamic
 
-    def decoded(name, content):
-        return generate_dynamic(name, definition(name))[name](content)
-
-    heights = np.array([[1, 2, 3], [4, NAN, 6]], np.float32)
-    cost = np.array([[0.25, NAN, np.inf]], np.float32)
-    grid_map = GridMap.of_message(
-        decoded("grid_map_msgs/GridMap", heights_message(heights, MapFrame(0.5, 2.5, 2.0), 0))
-    )
-    grid = OccupancyGrid.of_message(
-        decoded("nav_msgs/OccupancyGrid", grid_message(cost, MapFrame(0.5, 2.5, 2.0), 0))
-    )
-    frame = MapFrame(0.5, frame_id="map")
-    for patch, wanted in (
-        (grid_map_patch(grid_map, frame), heights),
-        (occupancy_patch(grid, frame), cost),
-    ):
-        assert (patch.row, patch.col) == (4, 5)
-        np.testing.assert_array_equal(
-            patch.cost if patch.elevation is None else patch.elevation,
-            wanted,
-        )
+    name = f"{'grid_map' if kind is GridMap else 'nav'}_msgs/{kind.__name__}"
+    decoded = generate_dynamic(name, definition(name))[name](content)
+    patch = patch_of(kind.of_message(decoded), MapFrame(0.5, frame_id="map"))
+    assert (patch.row, patch.col) == (4, 5)
+    np.testing.assert_array_equal(patch.values, wanted)
 
 
 def test_a_saved_layer_lies_where_the_grid_map_does(tmp_path):
@@ -205,27 +184,28 @@ def test_a_cost_read_back_is_passable_impassable_or_unknown_as_it_was(costs):
     np.testing.assert_array_equal(as_occupancy(back), grid.data)
 
 
-@pytest.mark.parametrize("rows_along_x", [False, True])
-def test_every_cell_of_a_patch_lands_where_it_lay(rows_along_x):
-    target = MapFrame(
-        1.0,
-        11.0 if rows_along_x else -3.0,
-        13.0 if rows_along_x else -2.0,
-        rows_along_x=rows_along_x,
-    )
+@pytest.mark.parametrize(
+    "target", [MapFrame(1.0, -3.0, -2.0), MapFrame(1.0, 11.0, 13.0, rows_along_x=True)]
+)
+def test_every_cell_of_a_patch_lands_where_it_lay(target):
     grid_map = GridMap({"told": VALUES}, MapFrame(1.0, 6.0, 9.0, rows_along_x=True))
     occupied = OccupancyGrid(np.arange(6).reshape(2, 3), MapFrame(1.0, 4.0, 5.0))
     for patch, frame, values in (
         (grid_map_patch(grid_map, target, "told"), grid_map.frame, VALUES),
         (occupancy_patch(occupied, target), occupied.frame, occupied.cost()),
     ):
-        world = np.full((14, 15), NAN, np.float32)
-        rows, cols = patch.shape
-        told = patch.cost if patch.elevation is None else patch.elevation
-        world[patch.row : patch.row + rows, patch.col : patch.col + cols] = told
+        world = on_map(patch, (14, 15), NAN)
         for (row, col), value in np.ndenumerate(values):
             assert world[target.cell(*frame.metres([[row, col]])[0])] == value
         assert np.isfinite(world).sum() == values.size
+
+
+def on_map(patch, shape, unseen):
+    """A map on which only a patch is known."""
+    found = np.full(shape, unseen, np.float32)
+    rows, cols = patch.shape
+    found[patch.row : patch.row + rows, patch.col : patch.col + cols] = patch.values
+    return found
 
 
 def test_a_patch_is_moved_to_the_nearest_cells_but_never_resampled():
@@ -254,17 +234,14 @@ def test_of_a_clouds_points_the_highest_in_each_cell_of_the_map_counts(kind):
     rng = np.random.default_rng(7)
     points = rng.uniform((-2.0, -5.0, -3.0), (20.0, 12.0, 3.0), (400, 3)).astype(kind)
     points[::9, rng.integers(0, 3, 45)] = rng.choice([NAN, np.inf])
-    wanted = np.full((20, 30), -np.inf)
+    wanted = np.full((20, 30), -np.inf, np.float32)
     for x, y, z in points[np.isfinite(points).all(axis=1)]:
         if 1.0 <= x < 16.0 and -2.0 <= y < 8.0:
             cell = int((y + 2.0) // 0.5), int((x - 1.0) // 0.5)
             wanted[cell] = max(wanted[cell], z)
     for message in (cloud_message(points, kind), cloud_message(points, kind, pad=5, height=8)):
         patch = read_cloud(message)
-        put = np.full((20, 30), -np.inf)
-        rows, cols = patch.shape
-        put[patch.row : patch.row + rows, patch.col : patch.col + cols] = patch.elevation
-        np.testing.assert_array_equal(put, wanted.astype(np.float32))
+        np.testing.assert_array_equal(on_map(patch, (20, 30), -np.inf), wanted)
         assert patch.keep_known
     assert read_cloud(cloud_message()).shape == (1, 2)  # no larger than the points are apart
 
@@ -349,16 +326,13 @@ def put(message, path, value):
     functools.reduce(operator.getitem, most, message)[last] = value
 
 
-READ = (
-    (OccupancyGrid.of_message, occupancy_message),
-    (GridMap.of_message, message),
-    (read_cloud, cloud_message),
-)
-
-
 @pytest.mark.parametrize(
     ("read", "made", "table"),
-    [(*each, table) for each, table in zip(READ, (GRID, LAYERS, CLOUD), strict=True)],
+    [
+        (OccupancyGrid.of_message, occupancy_message, GRID),
+        (GridMap.of_message, message, LAYERS),
+        (read_cloud, cloud_message, CLOUD),
+    ],
 )
 def test_a_message_that_makes_no_map_or_would_be_read_scrambled_is_refused(read, made, table):
     for case in cases(table, 3):

@@ -16,6 +16,7 @@ import pytest
 from nnpp_edge.robot import transports
 from nnpp_edge.robot.operations import onboard
 from nnpp_edge.robot.transports.recording import RecordingFile, read_recording
+from nnpp_edge.robot.transports.stdio import StdioSource
 from nnpp_edge.robot.transports.wire import decode_output, encode
 from nnpp_edge.robot.transports.wiring import Wiring
 from nnpp_edge.runtime import Goal, Ground, InProcessSink, MapPatch, PathMessage, Pose
@@ -24,12 +25,13 @@ from nnpp_edge.runtime.loop.messages import Counters
 from nnpp_edge.runtime.loop.settings import OnboardLoop
 from nnpp_edge.runtime.network import loading
 from nnpp_edge.terrain import dem as dem_module
-from tests.robot.conftest import free, wait_until
+from tests.robot.conftest import free
 from tests.tables import cases
 
 ROOT = Path(__file__).parents[2]
 SHAPE = (80, 90)
 QUICK = ("--rate", "100", "--method", "astar")
+RUN = (sys.executable, "-m", "nnpp_edge.cli.main", "run")
 
 
 @pytest.fixture
@@ -57,33 +59,6 @@ def recording(tmp_path):
 def no_manager(monkeypatch):
     """Tests that want a service manager set one up."""
     monkeypatch.delenv("NOTIFY_SOCKET", raising=False)
-
-
-class Program:
-    """`nnpp-edge run` as a process of its own."""
-
-    def __init__(self, *words, **environment):
-        self.process = subprocess.Popen(
-            [sys.executable, "-m", "nnpp_edge.cli.main", "run", *map(str, words)],
-            **dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE),
-            env={**os.environ, **environment},
-        )
-
-    def send(self, *messages):
-        self.process.stdin.write(b"".join(encode(message) + b"\n" for message in messages))
-        self.process.stdin.flush()
-
-    def await_path(self):
-        for line in self.process.stdout:
-            answer = decode_output(line)
-            if isinstance(answer, PathMessage) and answer.ok:
-                return answer
-        raise AssertionError(self.process.stderr.read().decode())
-
-    def end(self, number):
-        self.process.send_signal(number)
-        out, err = self.process.communicate(timeout=30.0)
-        return self.process.returncode, out, err.decode()
 
 
 # --- in processes of their own
@@ -122,47 +97,29 @@ def test_the_script_in_the_documentation_runs_as_it_stands(dem, tmp_path):
 def test_it_tells_the_manager_stops_when_told_to_and_keeps_what_it_recorded(dem, tmp_path):
     record = tmp_path / "inputs.jsonl"
     address = str(tmp_path / "notify")
-    watchdog = {"WATCHDOG_USEC": "200000", "WATCHDOG_PID": ""}
+    told = {"NOTIFY_SOCKET": address, "WATCHDOG_USEC": "200000", "WATCHDOG_PID": ""}
+    pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+    inputs = [Pose(5, 5), Goal(60, 70)]
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
         manager.bind(address)
         manager.settimeout(120.0)
-        words = ("--map", dem, *QUICK, "--record", record)
-        program = Program(*words, NOTIFY_SOCKET=address, **watchdog)
+        command = [*RUN, "--map", dem, *QUICK, "--record", record]
+        program = subprocess.Popen(command, **pipes, env=os.environ | told)
         assert manager.recv(4096) == b"READY=1"
-        program.send(Pose(5, 5), Goal(60, 70))
-        assert program.await_path().path[-1].tolist() == [60, 70]
-        program.process.send_signal(signal.SIGHUP)
+        program.stdin.write(b"".join(encode(message) + b"\n" for message in inputs))
+        program.stdin.flush()
+        answers = map(decode_output, program.stdout)
+        found = next(each for each in answers if isinstance(each, PathMessage) and each.ok)
+        assert found.path[-1].tolist() == [60, 70]
+        program.send_signal(signal.SIGHUP)
         for _ in range(3):
             assert manager.recv(4096) in (b"WATCHDOG=1", b"STATUS=OK by standing")
-        code, _, err = program.end(signal.SIGTERM)
-        assert (code, "Traceback" in err) == (0, False), err
+        program.send_signal(signal.SIGTERM)
+        _, err = program.communicate(timeout=30.0)
+        assert (program.returncode, b"Traceback" in err) == (0, False), err
         while manager.recv(4096) != b"STOPPING=1":
             pass
-    assert [message for _, message in read_recording(record, SHAPE)] == [Pose(5, 5), Goal(60, 70)]
-
-
-def test_after_a_kill_the_recording_can_be_played_and_the_next_has_a_file_of_its_own(
-    nnpp_edge,
-    dem,
-    tmp_path,
-):
-    record = tmp_path / "inputs.jsonl"
-    patches = [MapPatch(n % 70, 3, cost=np.full((2, 2), 0.5)) for n in range(1000)]
-    inputs = [Pose(5.0, 5.0), Goal(60, 70), *patches]
-    program = Program("--map", dem, *QUICK, "--record", record)
-    program.send(*inputs)
-    wait_until(lambda: record.exists() and record.read_bytes().count(b"\n") > 100, 60.0)
-    assert program.end(signal.SIGKILL)[0] == -signal.SIGKILL
-    kept = [encode(message) for _, message in read_recording(record, SHAPE)]
-    assert len(kept) >= 100
-    assert kept == [encode(message) for message in inputs[: len(kept)]]
-    before = record.read_bytes()
-    replay = ("--input", f"replay:{record}", "--fast", "--json", "--output", "none")
-    ended = nnpp_edge("run", "--map", dem, *QUICK, "--record", record, *replay)
-    assert ended.code == 0, ended.err
-    assert ended.json["patches"] == len(kept) - 2
-    assert record.read_bytes() == before
-    assert len(list(read_recording(tmp_path / "inputs-2.jsonl"))) == len(kept)
+    assert [message for _, message in read_recording(record, SHAPE)] == inputs
 
 
 STARTING = """
@@ -192,20 +149,11 @@ def test_it_may_be_stopped_while_it_starts_whatever_it_is_doing(dem):
     assert (ended.returncode, ended.stderr) == (-signal.SIGTERM, "")
 
 
-def test_an_input_that_fails_ends_the_run_with_an_error(dem, tmp_path):
-    words = [sys.executable, "-m", "nnpp_edge.cli.main", "run", "--map", str(dem), *QUICK]
-    with (tmp_path / "written to").open("wb") as unreadable:
-        ended = subprocess.run(words, capture_output=True, text=True, stdin=unreadable, timeout=120)
-    assert ended.returncode == 2
-    said = "error: the input failed, and the loop has ended: OSError: [Errno 9] Bad file"
-    assert said in ended.stderr and "Traceback" not in ended.stderr
-
-
 @pytest.mark.parametrize("stderr", ["2>&-", "2>/dev/full"])
 def test_paths_come_where_nothing_can_be_said_on_stderr(dem, recording, tmp_path, stderr):
     record = tmp_path / "again.jsonl"
     command = (
-        f'exec "{sys.executable}" -m nnpp_edge.cli.main run --map {dem} --rate 2 --method astar '
+        f"exec {' '.join(RUN)} --map {dem} --rate 2 --method astar "
         f"--input replay:{recording} --fast --record {record} {stderr}"
     )
     ended = subprocess.run(["/bin/sh", "-c", command], stdout=subprocess.PIPE, timeout=120)
@@ -216,6 +164,19 @@ def test_paths_come_where_nothing_can_be_said_on_stderr(dem, recording, tmp_path
 
 
 # --- in this process
+
+
+def test_an_input_that_fails_ends_the_run_with_an_error(nnpp_edge, dem, tmp_path, monkeypatch):
+    with (tmp_path / "written to").open("wb") as unreadable:
+
+        def opened(place, setup):
+            count_error = setup.navigator.count_error
+            return StdioSource(count_error, descriptor=unreadable.fileno())
+
+        monkeypatch.setattr(StdioSource, "open", opened)
+        ended = nnpp_edge("run", "--map", dem, *QUICK, "--output", "none")
+    said = "error: the input failed, and the loop has ended: OSError: [Errno 9] Bad file"
+    assert ended.code == 2 and said in ended.err
 
 
 @pytest.fixture

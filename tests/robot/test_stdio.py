@@ -4,11 +4,11 @@ import json
 import os
 import threading
 import time
+from functools import partial
 
 import numpy as np
 import pytest
 
-from nnpp_edge.robot.transports.incoming import Refusals
 from nnpp_edge.robot.transports.stdio import StdioSink, StdioSource
 from nnpp_edge.robot.transports.wire import Fault, decode_output, encode
 from nnpp_edge.runtime import Goal, MapPatch, Origin, PathMessage, Pose, Status
@@ -74,10 +74,12 @@ def received(pipe):
     return [decode_output(message) for message in b"".join(chunks).splitlines()]
 
 
-def test_garbage_is_answered_line_by_line_and_ends_nothing(incoming, outgoing, navigator, drive):
-    refusals = Refusals(navigator.count_error)
-    sink = StdioSink(refusals, descriptor=outgoing.write)
-    source = StdioSource(refusals, descriptor=incoming.read, limit=2000)
+def test_garbage_is_answered_line_by_line_and_ends_nothing(
+    incoming, outgoing, navigator, drive, monkeypatch
+):
+    monkeypatch.setattr(StdioSource, "limit", 2000)
+    source = StdioSource(navigator.count_error, descriptor=incoming.read)
+    sink = StdioSink(source.refusals, descriptor=outgoing.write)
     bad = (b"\x00\xff garbage", b'{"type":"pose"}', b"x" * 300_000, b'{"type":"goal","row":')
     send(incoming, POSE, *bad, GOAL)
     ended = drive(navigator, source, [sink])
@@ -90,10 +92,10 @@ def test_garbage_is_answered_line_by_line_and_ends_nothing(incoming, outgoing, n
     assert ended.paths[-1].ok
 
 
-def test_a_sender_that_is_too_fast_waits(incoming, navigator, drive):
+def test_a_sender_that_is_too_fast_waits(incoming, navigator, drive, make_mailbox):
     patches = [MapPatch(0, n, cost=np.full((40, 40), n)) for n in range(100)]
-    refusals = Refusals(navigator.count_error)
-    source = StdioSource(refusals, descriptor=incoming.read, mailbox=Mailbox(4))
+    make_mailbox(partial(Mailbox, 4))
+    source = StdioSource(navigator.count_error, descriptor=incoming.read)
     ended = drive(navigator, source, ticks=10)
     assert ended.counters.ticks == 10, "the loop goes on while nothing comes"
     thread = send(incoming, *map(encode, patches))
@@ -116,7 +118,7 @@ def test_a_reader_that_has_gone_is_told_once(outgoing):
 def test_descriptors_that_do_not_block_are_waited_for(incoming, outgoing, navigator):
     os.set_blocking(incoming.read, False)
     os.set_blocking(outgoing.write, False)
-    source = StdioSource(Refusals(navigator.count_error), descriptor=incoming.read)
+    source = StdioSource(navigator.count_error, descriptor=incoming.read)
     time.sleep(0.05)  # the reader finds nothing, and must wait
     send(incoming, POSE)
     found = []

@@ -1,15 +1,14 @@
-"""Zenoh: another process sends and listens; garbage, floods and listeners that sleep change nothing
+"""Zenoh: another session sends and listens; garbage, floods and listeners that sleep change nothing
 for the loop.
 """
 
-import os
 import re
-import signal
 import socket
 import subprocess
 import sys
 import threading
 from contextlib import ExitStack, closing
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +16,6 @@ import pytest
 
 pytest.importorskip("zenoh")
 
-from nnpp_edge.robot.transports.incoming import Refusals
 from nnpp_edge.robot.transports.wire import decode_output, encode
 from nnpp_edge.robot.transports.zenoh_io import LOOPBACK, ZenohLink, ZenohSink, ZenohSource
 from nnpp_edge.runtime import Goal, Ground, Loop, MapPatch, Navigator, Pose
@@ -28,27 +26,6 @@ from tests.robot.conftest import free, wait_until
 
 ROOT = Path(__file__).parents[2]
 
-PEER = """
-import json, sys, threading, zenoh
-
-config = zenoh.Config()
-config.insert_json5("mode", '"peer"')
-config.insert_json5("connect/endpoints", json.dumps([sys.argv[1]]))
-config.insert_json5("scouting/multicast/enabled", "false")
-lock = threading.Lock()
-
-def heard(sample):
-    with lock:
-        print(sample.key_expr, sample.payload.to_string(), flush=True)
-
-with zenoh.open(config) as session:
-    subscriber = session.declare_subscriber("nnpp_edge/**", heard)
-    print("listening", flush=True)
-    for line in sys.stdin:
-        key, _, payload = line.rstrip("\\n").partition(" ")
-        session.put("nnpp_edge/" + key, payload, congestion_control=zenoh.CongestionControl.BLOCK)
-"""
-
 
 def free_endpoint():
     with socket.socket() as probe:
@@ -58,43 +35,30 @@ def free_endpoint():
 
 @pytest.fixture
 def link():
-    """A session that another process can reach."""
+    """A session that another one can reach."""
     with closing(ZenohLink(endpoint := free_endpoint())) as link:
         link.endpoint = endpoint
         yield link
 
 
 class Peer:
-    """The other process: `send` has it publish, `heard` is what it received."""
+    """Another session: `send` has it publish, `heard` is what it received."""
 
     def __init__(self, endpoint):
         self.heard = []
-        pipes = dict.fromkeys(("stdin", "stdout"), subprocess.PIPE)
-        self.process = subprocess.Popen([sys.executable, "-c", PEER, endpoint], **pipes, text=True)
-        assert self.process.stdout.readline() == "listening\n"
-        self._thread = threading.Thread(target=self._listen, daemon=True)
-        self._thread.start()
+        self._link = ZenohLink(connect=endpoint)
+        self._link.session.declare_subscriber("nnpp_edge/**", self._hear)
+        self.close = self._link.close
 
-    def send(self, key, payload):
-        text = payload if isinstance(payload, str) else payload.decode()
-        self.process.stdin.write(f"{key} {text}\n")
-        self.process.stdin.flush()
+    def _hear(self, sample):
+        self.heard.append((str(sample.key_expr), sample.payload.to_bytes()))
 
-    def close(self):
-        self.process.kill()
-        self.process.wait()
-        self._thread.join(5.0)
-        self.process.stdin.close()
-        self.process.stdout.close()
+    def send(self, topic, payload):
+        block = self._link.zenoh.CongestionControl.BLOCK
+        self._link.session.put(f"nnpp_edge/{topic}", payload, congestion_control=block)
 
     def of(self, topic):
-        heard = [text for key, text in list(self.heard) if key == f"nnpp_edge/{topic}"]
-        return [decode_output(text.encode()) for text in heard]
-
-    def _listen(self):
-        for line in self.process.stdout:
-            key, _, text = line.rstrip("\n").partition(" ")
-            self.heard.append((key, text))
+        return [decode_output(text) for key, text in self.heard if key == f"nnpp_edge/{topic}"]
 
 
 @pytest.fixture
@@ -105,11 +69,12 @@ def peer(link):
 
 
 @pytest.fixture
-def listening(link, navigator, peer):
-    """A source of this mailbox that the other process has found."""
+def listening(link, navigator, peer, make_mailbox):
+    """A source with a mailbox of this kind that the other session has found."""
 
     def start(mailbox):
-        source = ZenohSource(link, Refusals(navigator.count_error), mailbox=mailbox)
+        make_mailbox(mailbox)
+        source = ZenohSource(link, navigator.count_error)
 
         def known():
             peer.send("goal", encode(Goal(0, 0)))
@@ -121,17 +86,20 @@ def listening(link, navigator, peer):
     return start
 
 
-def test_a_path_goes_to_and_fro_between_two_processes_and_what_makes_no_sense_is_answered(
+def test_a_path_goes_to_and_fro_between_two_sessions_and_what_makes_no_sense_is_answered(
     link,
     peer,
     navigator,
     drive,
+    make_mailbox,
+    monkeypatch,
 ):
-    refusals = Refusals(navigator.count_error)
     mailbox = Mailbox()
+    make_mailbox(lambda: mailbox)
+    monkeypatch.setattr(ZenohSource, "limit", 1000)
     ended = []
-    sink = ZenohSink(link, refusals)
-    source = ZenohSource(link, refusals, mailbox=mailbox, limit=1000)
+    source = ZenohSource(link, navigator.count_error)
+    sink = ZenohSink(link, source.refusals)
     thread = threading.Thread(target=lambda: ended.append(drive(navigator, source, [sink])))
     bad = [
         ("pose", "garbage", "JSON is malformed"),
@@ -164,7 +132,7 @@ def test_a_path_goes_to_and_fro_between_two_processes_and_what_makes_no_sense_is
 
 
 def test_of_a_flood_the_newest_are_kept_and_the_rest_is_counted(peer, navigator, listening):
-    source = listening(Mailbox(10))
+    source = listening(partial(Mailbox, 10))
     for n in range(1000):
         peer.send("patch", encode(MapPatch(0, 0, cost=np.full((1, 1), n))))
         if n == 500:
@@ -185,7 +153,7 @@ def test_large_messages_that_wait_do_not_pile_up(peer, listening):
                 free.wait(30.0)
             return super().put(message, when_full=when_full)
 
-    source = listening(Busy())
+    source = listening(Busy)
     patch = encode(MapPatch(0, 0, cost=np.zeros((1000, 1000))))
     before = rss_bytes()
 
@@ -212,11 +180,11 @@ def test_a_listener_that_runs_out_of_memory_is_a_failure(listening):
         def put(self, message, *, when_full):
             raise MemoryError
 
-    assert listening(Full()).failure.startswith("MemoryError")
+    assert listening(Full).failure.startswith("MemoryError")
 
 
 def test_connections_that_say_nothing_keep_nobody_out(link, navigator):
-    source = ZenohSource(link, Refusals(navigator.count_error))
+    source = ZenohSource(link, navigator.count_error)
     host, port = link.endpoint.removeprefix("tcp/").split(":")
     taken = []
 
@@ -231,13 +199,27 @@ def test_connections_that_say_nothing_keep_nobody_out(link, navigator):
         wait_until(heard, 6.0)
 
 
-def test_a_listener_that_sleeps_holds_nobody_up(link, peer, navigator):
+SLEEPER = """
+import os, signal, sys
+from nnpp_edge.robot.transports.zenoh_io import ZenohLink
+
+link = ZenohLink(connect=sys.argv[1])
+link.session.declare_subscriber("nnpp_edge/**", print)
+print("listening", flush=True)
+os.kill(os.getpid(), signal.SIGSTOP)
+"""
+
+
+def test_a_listener_that_sleeps_holds_nobody_up(link, navigator):
     navigator.offer(Pose(5, 5))
     navigator.offer(Goal(35, 55))
     sink = ZenohSink(link)
-    os.kill(peer.process.pid, signal.SIGSTOP)
     loop = Loop(navigator, InProcessSource(), [sink], rate_hz=10.0, queue=10_000, paced=False)
-    counters = loop.run(1000)
+    command = [sys.executable, "-c", SLEEPER, link.endpoint]
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as sleeper:
+        assert sleeper.stdout.readline() == b"listening\n"
+        counters = loop.run(1000)
+        sleeper.kill()
     assert counters.ticks == 1000
     assert counters.tick_ms["max"] < 1000.0
     assert "sink zenoh" not in counters.errors
@@ -272,7 +254,7 @@ def test_the_client_in_the_documentation_receives_a_path_as_it_stands():
     command = [sys.executable, "-c", client.replace(LOOPBACK, endpoint)]
     navigator = Navigator(Ground(free((80, 90))), "astar")
     with closing(ZenohLink(endpoint)) as link:
-        source = ZenohSource(link, Refusals(navigator.count_error))
+        source = ZenohSource(link, navigator.count_error)
         loop = Loop(navigator, source, [ZenohSink(link)], rate_hz=100.0)
         thread = threading.Thread(target=loop.run)
         thread.start()

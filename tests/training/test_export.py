@@ -16,6 +16,7 @@ from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime import NetworkModel
 from nnpp_edge.runtime.errors import DataSetError, ModelError
 from nnpp_edge.runtime.network.model_file import HEAD_KEY, model_path
+from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.terrain.shards import Recipe
 from nnpp_edge.training.checkpoint import Checkpoint, Progress, TrainSettings, load_checkpoint
 from tests.training.conftest import enlarged
@@ -23,7 +24,10 @@ from tests.training.conftest import enlarged
 EDGE = Spec(
     "edge", 64, options={"widths": (8, 8, 8, 8), "stem": 8, "relation": 12, "hidden": (9, 7)}
 )
-NNPP = Spec("nnpp", 128, options={"width": 2})
+NNPP = Spec("nnpp", 128, 0.3, options={"width": 2})
+
+TOLD = {"name": "small", "region_factor": 0.4, "omega": 0.037, "training": {"steps": 3}}
+LIMITS = Traversability(slope_limit_deg=21.0)
 
 
 def lived_in(spec: Spec) -> Network:
@@ -60,8 +64,7 @@ def exported(request, tmp_path_factory):
     network = lived_in(request.param)
     saved = load_checkpoint(checkpoint(folder / "checkpoint.pt", network))
     file = folder / "model.onnx"
-    facts = saved.facts() | {"of": "us"}
-    report = export_network(saved.trained(), file, name="small", region_factor=0.4, training=facts)
+    report = export_network(saved.trained(), file, **TOLD, limits=LIMITS)
     return SimpleNamespace(network=network, spec=network.spec, file=file, report=report)
 
 
@@ -113,6 +116,15 @@ def test_the_file_is_whole_folded_and_free_of_local_paths(exported):
     for node in graph.node:
         modes = [attribute.s for attribute in node.attribute if attribute.name == "mode"]
         assert node.op_type != "Resize" or modes == [b"nearest"]  # int8 values stay as they are
+
+
+def test_the_file_says_how_the_maps_were_made_that_it_was_trained_on(exported):
+    found = vars(NetworkModel(exported.file).metadata)
+    spec = exported.spec
+    sizes = {"input_size": spec.input_size, "blocks": spec.blocks, "sigma": spec.sigma}
+    assert found == found | TOLD | sizes
+    assert found["cost_limits"]["slope_limit_deg"] == 21.0
+    assert "hard_slope_deg" not in found["cost_limits"], "JSON has no infinity"
 
 
 def test_a_model_that_the_runtime_would_refuse_is_not_written(tmp_path):

@@ -1,13 +1,19 @@
-"""The int8 model of networks that were trained here: what is said of it, and what is refused."""
+"""The int8 model: how it is made, what is said and advised of it, and what is refused."""
 
 import dataclasses
 import re
+from collections import Counter
+from pathlib import Path
+from types import SimpleNamespace
 
 import msgspec
+import numpy as np
 import onnx
+import onnxruntime
 import pytest
 import torch
 
+from nnpp_edge.calibrate import quantize as making
 from nnpp_edge.calibrate.quantize import quantised_graph
 from nnpp_edge.export.to_onnx import export_network
 from nnpp_edge.model.network import Network
@@ -18,18 +24,112 @@ from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.model_file import model_path
 from nnpp_edge.terrain.dataset import make_dataset, read_samples
 from nnpp_edge.training.checkpoint import load_checkpoint
-from nnpp_edge.training.validation import Validator
-from tests.test_made_models import operators_left
+from nnpp_edge.training.unseen import Fit
+from nnpp_edge.training.validation import Judgement, Validator
+from tests.tables import cases, keywords
 from tests.training.conftest import RECIPE, SMALL, enlarged
 
 FIRST = "encoder.stem.1/Conv"
 SECOND = "encoder.widen.1/Conv"
+HEAD = "encoder.describe/Conv"
+
+
+def operators_left(path, folder):
+    """Kinds of nodes after onnxruntime's optimisation, and how many of each."""
+    options = onnxruntime.SessionOptions()
+    options.optimized_model_filepath = str(folder / "optimised.onnx")
+    onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
+    return Counter(node.op_type for node in onnx.load(options.optimized_model_filepath).graph.node)
 
 
 @pytest.fixture(scope="module")
 def fp32(trained):
     """Path of a trained fp32 model."""
     return trained.onnx
+
+
+@pytest.fixture(scope="module")
+def quantised(fp32, dataset, tmp_path_factory):
+    """The report on an int8 model, calibrated on eight queries; and which queries networks were
+    shown meanwhile.
+    """
+    shown = []
+    answer = making.answer
+
+    def shows(model, given, at):
+        shown.append(at)
+        return answer(model, given, at)
+
+    output = tmp_path_factory.mktemp("int8") / "int8.onnx"
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(making, "answer", shows)
+        report = quantize(fp32, dataset, output, validation=dataset, samples=8, card=card_of)
+    return report, shown
+
+
+def card_of(report):
+    return f"of {report.samples} queries"
+
+
+def test_an_int8_model_is_close_says_how_it_was_made_and_has_a_card(quantised, fp32, dataset):
+    report, shown = quantised
+    compared = report.compared
+    held_out = range(compared.queries)
+    assert shown == [*range(8), *range(4), *held_out, *held_out]
+    queries = Validator(read_samples(dataset), SMALL, RECIPE.omega).shown
+    output = Path(report.output)
+    exact, rounded = (making.answers(NetworkModel(path), queries) for path in (fp32, output))
+    differences = np.abs(rounded - exact)
+    assert exact.std() > 0.02 and 1e-6 < differences.mean() < 0.01
+    assert compared.max_difference == differences.max()
+    assert compared.added_gap == pytest.approx(100.0 * (compared.int8.gap - compared.fp32.gap))
+    assert report.recommendation == compared.recommendation()
+    assert report.int8_bytes < 0.6 * report.fp32_bytes
+    assert output.with_suffix(".md").read_text() == "of 8 queries\n"
+
+    source = NetworkModel(fp32).metadata
+    found = NetworkModel(output).metadata
+    calibration = found.training["calibration"]
+    assert (calibration["samples"], calibration["dataset_seed"]) == (8, RECIPE.seed)
+    assert calibration["agreement"]["max_difference"] == pytest.approx(compared.max_difference)
+    assert found == dataclasses.replace(source, precision="int8", training=found.training)
+
+
+def test_all_but_the_head_is_in_int8_with_a_scale_for_each_channel(quantised, tmp_path):
+    report, _ = quantised
+    left = operators_left(report.output, tmp_path)
+    assert left["QLinearConv"] == len(report.layers) - 1
+    between = left["QuantizeLinear"] + left["DequantizeLinear"]
+    assert between == 2, "the map, and what the head reads"
+    initializers = onnx.load(report.output).graph.initializer
+    stored = {each.name: onnx.numpy_helper.to_array(each) for each in initializers}
+    kinds = {value.dtype.name for name, value in stored.items() if "zero_point" in name}
+    assert {"uint8", "int8"} <= kinds and "encoder.describe.weight" in stored
+    weights = [name.removesuffix("_quantized") for name in stored if "weight_quant" in name]
+    assert len(weights) == left["QLinearConv"]
+    for name in weights:
+        values = stored[f"{name}_quantized"].astype(int)
+        assert len(stored[f"{name}_scale"]) == len(values) and 50 < np.abs(values).max() <= 64
+
+
+def test_layers_come_by_their_errors_and_those_left_out_stay_float(
+    quantised, fp32, samples, tmp_path
+):
+    layers = {each.name: each for each in quantised[0].layers}
+    errors = [each.error for each in layers.values()]
+    assert errors == sorted(errors, reverse=True) and 1e-3 < errors[-1] <= errors[0] < 0.1
+    assert [name for name, each in layers.items() if not each.quantised] == [HEAD]
+    few = samples.pick(range(8))
+    _, others = quantised_graph(NetworkModel(fp32), few, tmp_path, exclude=[FIRST])
+    (first,) = (each for each in others if each.name == FIRST)
+    assert first.error == 0.0 < layers[FIRST].error and not first.quantised
+
+
+def test_where_the_card_cannot_be_written_no_model_is(fp32, dataset, tmp_path):
+    output = tmp_path / "int8.onnx"
+    with pytest.raises(ZeroDivisionError):
+        quantize(fp32, dataset, output, validation=dataset, samples=4, card=lambda _: 1 / 0)
+    assert not list(tmp_path.iterdir())
 
 
 def test_the_papers_network_is_quantised_too(samples, tmp_path):
@@ -100,14 +200,42 @@ def test_the_command_prints_a_table_and_a_recommendation(
     card = output.with_suffix(".md").read_text()
     printed = " ".join(ended.out.split())
     for name, fact in (
-        ("left float", f"encoder.describe/Conv, {FIRST}, {SECOND}"),
+        ("left float", f"{HEAD}, {FIRST}, {SECOND}"),
         ("calibrated", f"on 8 queries of {dataset}"),
     ):
         assert f"{name} {fact}" in printed and f"- {name}: {fact}" in card
     assert ended.out.splitlines()[-1] == card.splitlines()[-1]
     assert card.splitlines()[-1].startswith(("recommended: int8. ", "recommended: fp32. "))
-    for name in (FIRST, SECOND, "encoder.describe/Conv"):
+    for name in (FIRST, SECOND, HEAD):
         assert re.search(rf"{name} \| float \| [\d.]+ %", card), name
+    monkeypatch.setattr(Comparison, "added_gap", 0.2)
     ended = nnpp_edge(*words, "--most-gap", 0.1, "--json")
     assert (ended.code, ended.json["samples"]) == (1, 8)
-    assert "at most 0.1 points more are allowed" in ended.out
+    assert "at most 0.1 points more are allowed" in ended.json["recommendation"]
+
+
+ADVICE = """
+gap=0.004               | int8 | speed: right after a plan its inference is 2.00 times as fast as fp32; the mean gap goes
+gap=0.004               | int8 | from 0.200 to 0.400 %
+int8_ms=1.6             | fp32 | size alone: right after a plan its inference is 1.25 times
+gap=0.006               | fp32 | ; at most 0.3 points more are allowed
+gap=0.004, most_gap=0.1 | fp32 | ; at most 0.1 points more are allowed
+gap=float("inf")        | fp32 | from 0.200 to inf %; at most 0.3 points
+success=0.98            | fp32 | ; 2.0 % fewer of the queries have a path inside the region
+difference=0.01         | fp32 | ; its probabilities differ by 0.0100: leave nodes float
+error=0.101             | int8 | ; its errors grow by 1.0 %
+error=0.11              | fp32 | ; its errors grow by 10.0 %; 2 % is allowed
+"""
+
+
+@pytest.mark.parametrize(("given", "take", "said"), cases(ADVICE, 3))
+def test_the_recommendation_weighs_speed_cost_and_agreement(given, take, said):
+    usual = keywords("gap=0.002, success=1.0, int8_ms=1.0, difference=0.001, most_gap=0.3")
+    asked = SimpleNamespace(**usual | keywords(given))
+    judged = [Judgement(0.5, 1.0, 0.002, 0.1, 0.1, 0.1)]
+    judged.append(dataclasses.replace(*judged, success=asked.success, gap=asked.gap))
+    if hasattr(asked, "error"):
+        judged = [Fit(0.1, 0.2, error, 0.1) for error in (0.1, asked.error)]
+    compared = Comparison(9, asked.difference, 0.1, *judged, 2.0, asked.int8_ms)
+    words = compared.recommendation(asked.most_gap)
+    assert words.startswith(f"recommended: {take}. int8 pays in ") and said in words

@@ -14,10 +14,11 @@ from nnpp_edge.model.encoding import encode_ends
 from nnpp_edge.model.network import Network
 from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.errors import ModelError
+from nnpp_edge.training import train as training
 from nnpp_edge.training.batches import Batches
 from nnpp_edge.training.checkpoint import load_checkpoint
 from nnpp_edge.training.train import TrainSettings, train
-from nnpp_edge.training.validation import Validator
+from nnpp_edge.training.validation import Judgement, Validator
 from tests.training.conftest import RECIPE, SMALL, VALIDATED_AFTER, enlarged
 
 RUN = ("begin_with", "judged_on")
@@ -120,6 +121,55 @@ def test_weights_of_another_network_are_refused(samples, trained, tmp_path):
     narrow = Spec("edge", 64, options={"widths": (8, 8, 8, 8), "stem": 8})
     with pytest.raises(ModelError, match="wanted weights for"):
         run(samples, tmp_path, narrow, begin_with=trained.folder / "last.pt")
+
+
+@pytest.fixture
+def scored(samples, tmp_path, monkeypatch):
+    """Trains by validations with these scores at 0.2 of the threshold, where planners use `edge`;
+    at the others they get better and better. The progress at the end, and which validations each
+    file was saved after.
+    """
+
+    def train(scores, **settings):
+        saved = {"best.pt": [], "last.pt": []}
+        at_end = []
+        left = iter(scores)
+
+        def judge(network):
+            scored = next(left)
+            at_factor = {0.5: -scored, 0.2: scored}
+            return [Judgement(at, 1.0, 0.1, 0.1, 0.1, score) for at, score in at_factor.items()]
+
+        def save(checkpoint, path):
+            saved[path.name].append(len(checkpoint.progress.history))
+            at_end[:] = [checkpoint.progress]
+
+        monkeypatch.setattr(training, "Validator", lambda *_: SimpleNamespace(judge=judge))
+        monkeypatch.setattr(training.Checkpoint, "save", save)
+        steps = len(scores) - 1
+        asked = TrainSettings(batch=2, steps=steps, validations=steps, **settings)
+        training.train(SMALL, asked, samples, samples, tmp_path, omega=RECIPE.omega)
+        return *at_end, saved
+
+    return train
+
+
+def test_the_best_weights_are_those_of_the_least_score_where_planners_use_them(scored):
+    progress, saved = scored([0.9, 0.5, 0.7, 0.4, 0.6])
+    assert saved == {"best.pt": [1, 2, 4], "last.pt": [1, 2, 3, 4, 5, 5]}
+    assert (progress.best, progress.waited, progress.warning()) == (3, 1, "")
+
+
+def test_a_training_that_gets_worse_says_so_and_ends_early_where_that_is_asked_for(scored):
+    worse = [0.5, 0.1, 0.2, 0.3, 0.4, 0.5]
+    progress, _ = scored(worse)
+    for row, loss in zip(progress.history[1:], (0.5, 0.4, 0.3, 0.2, 0.1), strict=True):
+        row["loss"] = loss
+    assert "got worse since step 1 of 5 (score 0.1000 → 0.5000)" in progress.warning()
+    progress.history[-1]["loss"] = 0.6
+    assert not progress.warning()
+    progress, saved = scored(worse, patience=2)
+    assert (progress.step, progress.steps, saved["best.pt"]) == (3, 5, [1, 2])
 
 
 @pytest.fixture

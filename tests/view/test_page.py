@@ -85,20 +85,31 @@ class Tab:
     def cell(self, end):
         return tuple(map(int, re.findall(r"\d+", self.page.get_attribute(f"#{end}", "aria-label"))))
 
-    def drag(self, end, by, steps=8):
-        box = self.page.locator(f"#{end}").bounding_box()
-        col = box["x"] + box["width"] / 2
-        row = box["y"] + box["height"] / 2
-        self.page.mouse.move(col, row)
+    def place(self, selector, row=0.5, col=0.5):
+        """The pixel (x, y) at shares of the sides of what is there."""
+        box = self.page.locator(selector).bounding_box()
+        return box["x"] + col * box["width"], box["y"] + row * box["height"]
+
+    def stroke(self, begin, end):
+        """Move the mouse while it is held down."""
+        self.page.mouse.move(*begin)
         self.page.mouse.down()
-        self.page.mouse.move(col + by[1], row + by[0], steps=steps)
+        self.page.mouse.move(*end, steps=8)
         self.page.mouse.up()
 
-    def click(self, row, col, *keys, **more):
+    def drag(self, end, by):
+        x, y = self.place(f"#{end}")
+        self.stroke((x, y), (x + by[1], y + by[0]))
+
+    def click(self, row, col, *keys):
         """The map, at shares of its sides, with these keys held."""
         box = self.page.locator("#sheet").bounding_box()
         at = {"x": col * box["width"], "y": row * box["height"]}
-        self.page.locator("#sheet").click(position=at, modifiers=list(keys), **more)
+        self.page.locator("#sheet").click(position=at, modifiers=list(keys))
+
+    def command_has(self, words):
+        """Wait until the command to copy has these words."""
+        self.until(f"document.querySelector('#command').textContent.includes('{words}')")
 
     def slide(self, name, value):
         """Set a slider as a user's drag does."""
@@ -163,7 +174,7 @@ def test_sliders_and_choices_change_path_and_figures(tab):
     assert tab.page.locator("#step_cost option[value=energy]").is_disabled()
     tab.page.select_option("#body", "large-rover")
     assert tab.page.locator("#clearance_m").is_visible() and tab.page.is_disabled("#refine")
-    tab.until("document.querySelector('#command').textContent.includes('--vehicle large-rover')")
+    tab.command_has("--vehicle large-rover")
     tab.page.select_option("#step_cost", "energy")
     tab.until("/ [kM]J.* at /.test(document.querySelector('#figures').textContent)")
     assert tab.page.is_disabled("#refine")
@@ -194,9 +205,7 @@ def test_clicks_set_goal_start_and_via_points(tab):
     tab.click(0.501, 0.751, "Control")
     tab.until(f"{LINE}.includes('L180 96L')")
     tab.click(0.501, 0.201, "Alt")  # the path passes near it before
-    tab.until(
-        "document.querySelector('#command').textContent.includes('--via 96,48 --via 96,180 ')"
-    )
+    tab.command_has("--via 96,48 --via 96,180 ")
     tab.until(f"/L48 96L.*L180 96L/.test({LINE})")
     tab.page.click("#add-via")
     tab.until("document.querySelectorAll('.via').length === 3")
@@ -207,7 +216,7 @@ def test_clicks_set_goal_start_and_via_points(tab):
     tab.until("document.querySelectorAll('.via').length === 1")
     tab.page.focus(".via")
     tab.page.keyboard.press("ArrowUp")
-    tab.until("document.querySelector('#command').textContent.includes('--via 95,180 --goal')")
+    tab.command_has("--via 95,180 --goal")
     before = tab.line
     tab.click(0.241, 0.271, "Control")  # nobody knows the ground there
     tab.until(
@@ -216,22 +225,18 @@ def test_clicks_set_goal_start_and_via_points(tab):
     assert tab.line == before and tab.page.locator(".via").count() == 1
     goal = tab.cell("goal")
     tab.page.click("#zoom-in")
-    tab.page.mouse.move(300, 300)
-    tab.page.mouse.down()
-    tab.page.mouse.move(340, 330, steps=3)
-    tab.page.mouse.up()  # the map was moved, no goal set
+    tab.stroke((300, 300), (340, 330))  # the map was moved, no goal set
     assert tab.cell("goal") == goal
 
 
 def test_the_place_below_the_pointer_is_told(tab):
-    box = tab.page.locator("#sheet").bounding_box()
-    tab.page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 0.75 * box["height"])
+    tab.page.mouse.move(*tab.place("#sheet", 0.75))
     tab.until(
         "document.querySelector('#place').textContent.startsWith('row 144, column 120 · x 240, y "
         "288 · height')"
     )
     assert tab.page.is_visible("#place")
-    tab.page.mouse.move(box["x"] - 5, 5)
+    tab.page.mouse.move(*tab.place("#sheet", -0.1, -0.1))
     tab.until("document.querySelector('#place').hidden")
 
 
@@ -274,34 +279,6 @@ def test_the_path_is_downloaded(tab):
     assert tab.page.is_visible("[data-format=gpkg]")
 
 
-def test_a_run_is_followed(browser, tmp_path):
-    with serving(write_ground(tmp_path), "--follow") as running:
-        tab = Tab(browser.new_page(), running.address)
-        for tick, start in enumerate(([20, 30], [21, 31])):
-            path = [start, [22, 32], [23, 33]]
-            told = {
-                "type": "path",
-                "tick": tick,
-                "outcome": "OK",
-                "origin": "full",
-                "path": path,
-                "start": start,
-            }
-            running.process.stdin.write(
-                json.dumps(told | {"headings_deg": [135.0, 135.0, 135.0]}) + "\n"
-            )
-            running.process.stdin.flush()
-            tab.until(
-                f"document.querySelector('#live').getAttribute('d') === 'M{start[1]} "
-                f"{start[0]}L32 22L33 23'"
-            )
-        assert tab.page.get_attribute("#driven", "d") == "M30 20L31 21" and tab.page.is_visible(
-            "#robot.headed"
-        )
-        assert "tick 1" in tab.page.inner_text("#following")
-        assert tab.wrong == [] and running.end() == (0, "")
-
-
 def test_arrows_set_headings_and_a_dashed_line_is_driven_backwards(browser, tmp_path):
     car = ("--vehicle", "large-rover", "--set", "turning_radius_m=8", "--set", "reverse_cost=2")
     with serving(write_ground(tmp_path), *car) as running:
@@ -315,15 +292,11 @@ def test_arrows_set_headings_and_a_dashed_line_is_driven_backwards(browser, tmp_
         tab.page.focus("#goal-heading")
         tab.page.keyboard.press("ArrowLeft")
         tab.line_other_than(turned)
-        tab.until(
-            "document.querySelector('#command').textContent.includes('--start-heading 270 "
-            "--goal-heading 355')"
-        )
+        tab.command_has("--start-heading 270 --goal-heading 355")
         tab.page.keyboard.press("Delete")
         tab.page.dblclick("#start-heading")
         tab.until(f"{LINE} === {json.dumps(before)}")
-        box = tab.page.locator("#chart").bounding_box()
-        tab.page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 20)
+        tab.page.mouse.move(*tab.place("#chart"))
         tab.until("document.querySelector('#outline').getAttribute('d')")
         assert "· tilt " in tab.page.inner_text("#reading-at")
         assert tab.page.inner_text("#scale").endswith(" m")
@@ -333,10 +306,10 @@ def test_arrows_set_headings_and_a_dashed_line_is_driven_backwards(browser, tmp_
         for _ in range(8):
             tab.page.keyboard.press("Shift+ArrowUp")
         tab.until("document.querySelector('#start').ariaLabel.startsWith('Start, row 0')")
-        frame = tab.page.locator("#map").bounding_box()
+        left, top = tab.place("#map", 0.0, 0.0)
         for arrow in ("#start-heading", "#goal-heading"):
-            place = tab.page.locator(arrow).bounding_box()
-            assert place["x"] >= frame["x"] and place["y"] >= frame["y"], "whole on a phone"
+            x, y = tab.place(arrow, 0.0, 0.0)
+            assert x >= left and y >= top, "whole on a phone"
         tab.page.select_option("#body", "none")
         assert not tab.page.is_visible("#start-heading") and not tab.page.is_visible("#turns")
         assert tab.wrong == [] and running.end() == (0, "")
@@ -363,11 +336,7 @@ def test_an_obstacle_is_painted_and_undone(tab):
     around = tab.line_other_than(before)
     assert tab.page.get_attribute("#before", "d") == before
     tab.page.click("#paint")
-    box = tab.page.locator("#sheet").bounding_box()
-    tab.page.mouse.move(box["x"] + 0.45 * box["width"], box["y"] + 0.05 * box["height"])
-    tab.page.mouse.down()
-    tab.page.mouse.move(box["x"] + 0.6 * box["width"], box["y"] + 0.3 * box["height"], steps=4)
-    tab.page.mouse.up()
+    tab.stroke(tab.place("#sheet", 0.05, 0.45), tab.place("#sheet", 0.3, 0.6))
     tab.until("document.querySelectorAll('#obstacles rect').length === 2")
     tab.page.keyboard.press("Escape")
     assert tab.page.get_attribute("#paint", "aria-pressed") == "false"
@@ -380,9 +349,7 @@ def test_an_obstacle_is_painted_and_undone(tab):
 
 def test_what_is_copied_is_what_is_seen(tab, nnpp_edge):
     tab.slide("slope_limit_deg", "12")
-    tab.until(
-        "document.querySelector('#command').textContent.includes('--limit slope_limit_deg=12')"
-    )
+    tab.command_has("--limit slope_limit_deg=12")
     tab.page.click("#copy-command")
     tab.until("document.querySelector('#copied').textContent.startsWith('Copied')")
     words = tab.page.evaluate("navigator.clipboard.readText()").split()

@@ -6,13 +6,9 @@ import http.client
 import json
 import socket
 import threading
-import time
 
-import numpy as np
 import pytest
 
-from nnpp_edge.robot.transports.wire import encode
-from nnpp_edge.runtime import Origin, PathMessage, Status
 from nnpp_edge.view.server import PageServer
 from tests.view_cases import serving, write_ground
 
@@ -77,23 +73,6 @@ def test_lengths_that_make_no_sense_are_answered_in_a_line(server):
             assert code in large.recv(1 << 16)
 
 
-def test_a_run_that_is_followed_is_told_as_it_comes(tmp_path):
-    with serving(write_ground(tmp_path), "--follow") as running:
-        live = json.loads(got(running.port, "/news")[2])["live"]
-        assert live == {}
-        message = PathMessage(
-            7, Status.OK, Origin.FULL, np.array([[3, 4], [4, 5]], np.int32), start=(3, 4)
-        )
-        for line in (b"no message", encode(message), b"{}"):
-            running.process.stdin.write(line.decode() + "\n")
-            running.process.stdin.flush()
-        end = time.monotonic() + 20.0
-        while not live and time.monotonic() < end:
-            live = json.loads(got(running.port, "/news")[2])["live"]
-        assert (live["tick"], live["path"], live["start"]) == (7, [[3, 4], [4, 5]], [3, 4])
-        assert running.end() == (0, "")
-
-
 def test_it_tells_what_it_waits_for_while_it_plans():
     class Slow:
         notice = "compiling"
@@ -112,7 +91,7 @@ def test_it_tells_what_it_waits_for_while_it_plans():
         asking = threading.Thread(target=got, args=(port, "/ask", b"{}"))
         asking.start()
         assert slow.begun.wait(20.0)
-        assert json.loads(got(port, "/news")[2]) == {"notice": "compiling", "live": None}
+        assert json.loads(got(port, "/news")[2]) == {"notice": "compiling"}
         slow.done.set()
         asking.join()
         running.shutdown()

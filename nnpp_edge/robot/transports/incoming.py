@@ -48,20 +48,15 @@ class Refusals:
 
 
 class MailboxSource:
-    """A source whose inputs, of at most `limit` bytes each, wait in a mailbox: the base of
-    sources that threads fill (`Incoming`).
-    """
+    """A source whose inputs wait in a mailbox: the base of those that threads fill (`Incoming`)."""
 
-    def __init__(
-        self,
-        refusals: Refusals,
-        limit: int = LIMIT_BYTES,
-        mailbox: Mailbox | None = None,
-    ) -> None:
-        self.refusals = refusals
+    limit = LIMIT_BYTES
+    """Of an input, at most."""
+
+    def __init__(self, count_error: CountError) -> None:
+        self.refusals = Refusals(count_error)
         """Messages that were refused, for the sink that answers them."""
-        self._limit = limit
-        self._mailbox = mailbox or Mailbox()
+        self._mailbox = Mailbox()
         self.poll = self._mailbox.read
         """Inputs since the last call."""
         self.failure = ""
@@ -75,17 +70,10 @@ class MailboxSource:
     def close(self) -> None:
         """Do nothing: the thread that reads ends with the process."""
 
-    def _take(
-        self,
-        content: bytes | WireError,
-        when_full: WhenFull,
-        kind: str | None = None,
-    ) -> int:
+    def _take(self, content: bytes, when_full: WhenFull, kind: str | None = None) -> int:
         """Put a message into the mailbox, or refuse it; the number of patches dropped for it."""
         try:
-            if isinstance(content, WireError):
-                raise content
-            return self._mailbox.put(decode(content, self._limit, kind), when_full=when_full)
+            return self._mailbox.put(decode(content, self.limit, kind), when_full=when_full)
         except WireError as error:
             self.refusals.add(error)
             return 0

@@ -8,7 +8,7 @@ map.
 import json
 import logging
 import time
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -67,16 +67,8 @@ class ReplaySource:
     instead of keeping the recorded pace.
     """
 
-    def __init__(
-        self,
-        path: Path,
-        *,
-        shape: Shape | None = None,
-        fast: bool = False,
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
+    def __init__(self, path: Path, *, shape: Shape | None = None, fast: bool = False) -> None:
         self._fast = fast
-        self._clock = clock
         for _ in read_recording(path, shape):  # to its end, for what is wrong there
             pass
         self._rest = read_recording(path, shape)
@@ -96,7 +88,7 @@ class ReplaySource:
 
     def poll(self) -> Iterator[Input]:
         """The inputs that are due, or with `fast` those of the next recorded tick."""
-        now = self._clock()
+        now = time.monotonic()
         if self._began is None:
             self._began = now
         due = now - self._began

@@ -10,26 +10,27 @@ from collections.abc import Iterator
 from typing import BinaryIO
 
 from nnpp_edge.robot.transports.incoming import MailboxSource, Refusals
-from nnpp_edge.robot.transports.wire import LIMIT_BYTES, WireError, encode
+from nnpp_edge.robot.transports.wire import LIMIT_BYTES, encode
 from nnpp_edge.robot.transports.wiring import Setup
 from nnpp_edge.runtime.errors import OutputError
-from nnpp_edge.runtime.loop.connections import Mailbox
 from nnpp_edge.runtime.loop.messages import Output
+from nnpp_edge.runtime.loop.workers import CountError
 
 _CHUNK = 1 << 16
 
 
-def messages(stream: BinaryIO, limit: int = LIMIT_BYTES) -> Iterator[bytes | WireError]:
-    """The lines of a stream, without blank ones, and an error in the place of each of more than
-    `limit` bytes.
+def messages(stream: BinaryIO, limit: int = LIMIT_BYTES) -> Iterator[bytes]:
+    """The lines of a stream, without blank ones; of each of more than `limit` bytes one more than
+    these, as `decode` refuses it.
     """
     while line := stream.readline(limit + 1):
-        length = len(line.rstrip(b"\n"))
-        if length > limit:
-            while line and not line.endswith(b"\n"):
-                line = stream.readline(_CHUNK)
-            yield WireError(f"wanted a message of at most {limit} bytes, got {length} or more")
-        elif line := line.strip():
+        if len(line) <= limit or line.endswith(b"\n"):
+            line = line.strip()
+        else:
+            rest = line
+            while rest and not rest.endswith(b"\n"):
+                rest = stream.readline(_CHUNK)
+        if line:
             yield line
 
 
@@ -40,31 +41,20 @@ class StdioSource(MailboxSource):
     is lost. Each message that is refused is added to `refusals`, and the next is read.
     """
 
-    def __init__(
-        self,
-        refusals: Refusals,
-        *,
-        descriptor: int = 0,
-        limit: int = LIMIT_BYTES,
-        mailbox: Mailbox | None = None,
-    ) -> None:
-        super().__init__(refusals, limit, mailbox)
+    def __init__(self, count_error: CountError, *, descriptor: int = 0) -> None:
+        super().__init__(count_error)
         os.set_blocking(descriptor, True)  # the parent process may have made it another
         stream = io.BufferedReader(io.FileIO(descriptor, closefd=False), _CHUNK)
-        threading.Thread(
-            target=self._read,
-            args=[stream],
-            name="nnpp-edge stdin",
-            daemon=True,
-        ).start()
+        name = "nnpp-edge stdin"
+        threading.Thread(target=self._read, args=[stream], name=name, daemon=True).start()
 
     @classmethod
     def open(cls, place: str, setup: Setup) -> "StdioSource":
-        return cls(Refusals(setup.navigator.count_error))
+        return cls(setup.navigator.count_error)
 
     def _read(self, stream: BinaryIO) -> None:
         with self._reading():
-            for message in messages(stream, self._limit):
+            for message in messages(stream, self.limit):
                 self._take(message, "wait")
             self._mailbox.close()
 

@@ -177,25 +177,14 @@ def decoded_input(payload: bytes, decoder: msgspec.json.Decoder[T], wanted: str,
 def as_input(record: Record) -> Input:
     """The input of a decoded record; WireError if its values make no sense."""
     try:
+        fields = msgspec.structs.asdict(record)
+        for name in ("v", "at"):
+            del fields[name]
         if isinstance(record, PatchRecord):
-            elevation = _values("elevation", record.elevation)
-            cost = _values("cost", record.cost)
-            return MapPatch(
-                record.row,  # type: ignore[arg-type]  # a patch refuses fractions
-                record.col,  # type: ignore[arg-type]
-                elevation,
-                cost,
-                record.keep_known,
-                record.stamp,
-            )
-        assert isinstance(record, PoseRecord)
-        kind = Goal if isinstance(record, GoalRecord) else Pose
-        return kind(
-            record.row,  # type: ignore[arg-type]  # a goal refuses fractions
-            record.col,  # type: ignore[arg-type]
-            record.stamp,
-            record.heading_deg,
-        )
+            for name in ("elevation", "cost"):
+                fields[name] = _values(name, fields[name])
+            return MapPatch(**fields)
+        return Goal(**fields) if isinstance(record, GoalRecord) else Pose(**fields)
     except InvalidMessageError as error:
         raise WireError(str(error)) from None
 

@@ -13,8 +13,8 @@ from nnpp_edge.robot.transports.incoming import MailboxSource, Refusals
 from nnpp_edge.robot.transports.wire import LIMIT_BYTES, encode
 from nnpp_edge.robot.transports.wiring import Setup
 from nnpp_edge.runtime.errors import InvalidQueryError, optional_module
-from nnpp_edge.runtime.loop.connections import Mailbox
 from nnpp_edge.runtime.loop.messages import Output, PathMessage
+from nnpp_edge.runtime.loop.workers import CountError
 from nnpp_edge.runtime.reading import refused_as
 
 if TYPE_CHECKING:
@@ -45,12 +45,7 @@ class ZenohLink:
     InvalidQueryError where the session cannot be opened, MissingExtraError without Zenoh.
     """
 
-    def __init__(
-        self,
-        endpoint: str = LOOPBACK,
-        *,
-        connect: str | None = None,
-    ) -> None:
+    def __init__(self, endpoint: str = LOOPBACK, *, connect: str | None = None) -> None:
         self.zenoh = optional_module("zenoh", "a Zenoh session", "robot")
         place = "connect/endpoints" if connect else "listen/endpoints"
         values = _CONFIGURATION | {"listen/endpoints": []} | {place: [connect or endpoint]}
@@ -86,15 +81,8 @@ class ZenohSource(MailboxSource):
     wait.
     """
 
-    def __init__(
-        self,
-        link: ZenohLink,
-        refusals: Refusals,
-        *,
-        limit: int = LIMIT_BYTES,
-        mailbox: Mailbox | None = None,
-    ) -> None:
-        super().__init__(refusals, limit, mailbox)
+    def __init__(self, link: ZenohLink, count_error: CountError) -> None:
+        super().__init__(count_error)
         self.link = link
         self._subscribers = []
         for topic in ("patch", "pose", "goal"):
@@ -104,7 +92,7 @@ class ZenohSource(MailboxSource):
 
     @classmethod
     def open(cls, place: str, setup: Setup) -> "ZenohSource":
-        return cls(ZenohLink.open(place, setup), Refusals(setup.navigator.count_error))
+        return cls(ZenohLink.open(place, setup), setup.navigator.count_error)
 
     def close(self) -> None:
         """End the session."""

@@ -104,7 +104,6 @@ function opening(site) {
   link.ask("cost", pixels);
   settle();
   busy();
-  follow();
   byId("map").removeAttribute("aria-busy");
 }
 
@@ -252,22 +251,6 @@ function save({ file, content, problem }) {
 for (const button of document.querySelectorAll("[data-format]"))
   button.addEventListener("click", () => link.ask("file", { format: button.dataset.format }));
 
-// A robot that is followed.
-const news = async () => (await fetch("/news")).json();
-const driven = [];
-async function follow() {
-  const { live } = await news();
-  if (live === null) return; // none is followed
-  if (live.tick !== undefined) {
-    if (live.start) driven.push(live.start);
-    map.live(live, driven);
-    const ended = live.outcome === "OK" ? `by ${live.method}` : live.outcome;
-    byId("following").textContent = `Robot, tick ${live.tick}: ${ended}${live.reason && `, ${live.reason}`}`;
-    byId("following").hidden = false;
-  }
-  setTimeout(follow, 200);
-}
-
 // After the frame with the path has been drawn.
 function drawn(at) {
   const channel = new MessageChannel();
@@ -332,7 +315,7 @@ async function waiting() {
   byId("busy").textContent ||= "working …";
   if (link.idle) return;
   lateBusy = setTimeout(waiting, 500);
-  const { notice } = await news();
+  const { notice } = await (await fetch("/news")).json();
   byId("busy").textContent = notice || "working …";
 }
 

@@ -183,16 +183,6 @@ export class MapView {
     );
   }
 
-  // A robot's place and heading, its way, and where it has been.
-  live({ start, path, waypoints, headings_deg: [heading = null] }, driven) {
-    this.lineOf("live", waypoints ?? path);
-    this.lineOf("driven", driven);
-    byId("robot").hidden = !start;
-    if (start) this.put(byId("robot"), start);
-    byId("robot").classList.toggle("headed", heading !== null);
-    byId("robot").style.setProperty("--turn", `${heading ?? 0}deg`);
-  }
-
   cursor(place) {
     const dot = byId("cursor");
     dot.hidden = !place;
