@@ -489,7 +489,8 @@ def test_a_robot_beside_its_path_is_led_back_to_it_and_around_blocks(robot, monk
     assert plan.states is None or plan.states[0] % 16 == planner.state.grid.robot.moves.direction(
         100.0
     )
-    planner.update_elevation(12, 16, np.full((1, 1), 5.0))
+    planner.move(GOAL)  # where it stands, and there an obstacle comes
+    planner.update(*GOAL, np.ones((1, 1)))
     assert planner.joined() is None
 
 
