@@ -29,6 +29,7 @@ from nnpp_edge.runtime import (
     Origin,
     Plan,
     Pose,
+    Source,
     Status,
     Vehicle,
 )
@@ -502,6 +503,19 @@ def test_a_path_is_led_to_the_heading_in_which_it_is_to_arrive_now(robot, monkey
         planner.set_goal(GOAL, heading)
         plan = planner.joined()
         assert plan.ok and (robot != "arcs" or plan.headings_deg[-1] == pytest.approx(heading))
+
+
+@pytest.mark.parametrize(("side", "source"), [(6, Source.STANDING), (20, Source.REGION)])
+def test_auto_searches_anew_where_the_way_round_a_block_costs_much_more(robot, side, source):
+    """A diagonal wall, two cells thick; a body on feet turns on the spot to go round it."""
+    planner = moving(robot, np.zeros(SHAPE))
+    first = planner.replan()
+    wall = np.eye(side) + np.eye(side, k=1)
+    row, col = first.path[len(first.path) // 2] - side // 2
+    planner.update(row, col, wall[:, ::-1])
+    assert planner.replan().source == {"point": Source.MAP, "body": Source.REGION}.get(
+        robot, source
+    )
 
 
 @pytest.fixture
