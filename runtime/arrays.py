@@ -83,8 +83,8 @@ def numbers(array: ArrayLike, name: str) -> NDArray[np.generic]:
 def close_border(weights: NDArray[np.float32], rows: int, cols: int) -> None:
     """Make the border impassable of a grid of (rows + 2) · (cols + 2) nodes."""
     padded = weights.reshape(rows + 2, cols + 2)
-    padded[[0, -1]] = np.inf
-    padded[:, [0, -1]] = np.inf
+    padded[0] = padded[-1] = np.inf
+    padded[:, 0] = padded[:, -1] = np.inf
 
 
 def headings_along(path: NDArray[np.int32] | NDArray[np.float64]) -> NDArray[np.float64]:

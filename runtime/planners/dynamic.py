@@ -359,7 +359,8 @@ class DynamicPlanner(OnMap):
         options = Options(wanted, approach)
         place = self._place(Deadline.within(time_limit_s))
         plan = None
-        if wanted is DynamicMethod.AUTO and not self.search_due:
+        joins = wanted is DynamicMethod.AUTO and not self._methods.repairs(place)
+        if joins and not self.search_due:
             soon = place
             if time_limit_s < math.inf:
                 soon = self._place(Deadline.within(1e-3 * JOIN_MS))

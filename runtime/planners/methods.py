@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from nnpp_edge.runtime.arguments import checked
+from nnpp_edge.runtime.cells import Cell, apart
 from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.kernels.nodes import octile
@@ -25,14 +26,17 @@ from nnpp_edge.runtime.planners.searchers import (
     Searcher,
 )
 from nnpp_edge.runtime.search.astar import Query, Search
+from nnpp_edge.runtime.search.dstar_lite import serves
 from nnpp_edge.runtime.stopwatch import Work
 from nnpp_edge.runtime.tuning import (
     BRIEF_EXPANSIONS,
     FAR,
     LARGE_MAP,
     LEARNED_CORRIDOR,
+    MOST_CELLS_TO_REPAIR,
     NEAR,
     REFINE_FROM,
+    REPAIRED_FROM,
     SPARSE_FROM,
     UNSEEN_CHANGE,
     CorridorWidth,
@@ -58,7 +62,8 @@ class Way(NamedTuple):
 
 _NEAR = f"the goal is less than {NEAR} cells away"
 _NONE_SUFFICES = "the network's regions hold no path that suffices"
-_NEW_CORRIDOR = "a new corridor is faster than repairs"
+_REPAIRS = "repairs of the last search are the fastest where the map changes near the robot"
+_NEW_CORRIDOR = "a new corridor is faster than repairs here"
 
 
 def pick_method(state: MapState, model: "str | Path | NetworkModel", apart: int) -> tuple[str, str]:
@@ -106,6 +111,10 @@ class Methods:
         """Memory of the newest search that found no path."""
         self._model = model
         self._repeated = repeated
+        self._goal: Cell | None = None
+        """Of the newest of repeated queries for which ``auto`` chose."""
+        self._changes = state.log.reader()
+        """Since then."""
         if state.unseen is not None:
             from nnpp_edge.runtime.network.priors import set_prices
 
@@ -227,6 +236,12 @@ class Methods:
         """How ``auto`` finds a path: by what figures say of the map, the robot and the distance."""
         if self.state.unseen is not None:
             return [_way("corridor", "over blocks where the ground is known coarsely")]
+        repairs = self.repairs(query)
+        self._changes.skip()
+        if repairs:
+            return [Way(DynamicMethod.DSTAR, _REPAIRS, Methods.repaired), _way("corridor")]
+        if self._repeated:
+            self._goal = query.goal
         picked, why = pick_method(self.state, self._model, query.apart)
         if self._repeated and picked != "astar":
             picked = "corridor"
@@ -239,6 +254,21 @@ class Methods:
             alone = partial(Methods.network_region, alone=True)
             return [Way(DynamicMethod.NNPP, why, alone), _way("corridor", _NONE_SUFFICES)]
         return [_way(picked, why)]
+
+    def repairs(self, query: Query) -> bool:
+        """Whether ``auto`` repairs its last search by D* Lite: that was for this goal, and nothing
+        has changed near it since.
+        """
+        grid = self.state.grid
+        if query.goal != self._goal or grid.cells > MOST_CELLS_TO_REPAIR or not serves(grid):
+            return False
+        near = REPAIRED_FROM * query.apart
+        return all(apart(each.part, query.goal) >= near for each in self._changes.peek())
+
+    def repaired(self, query: Query, work: Work) -> Found | None:
+        """As `mend_map`; None where there is no path, which another search is to show."""
+        found = self.mend_map(query, work)
+        return None if found.search.status is Status.NO_PATH else found
 
     def mended_corridor(self, query: Query, work: Work) -> Found:
         """As `corridor`, and in it D* Lite."""

@@ -29,8 +29,8 @@ class DiscStance(Stance):
         # a disc half a step away is within this of the cell, as far as it is not within it of the
         # next
         reach = math.hypot(radius_m, 0.5 * math.hypot(dy, dx))
-        rows = math.ceil(reach / dy + 0.5)
-        cols = math.ceil(reach / dx + 0.5)
+        rows = math.ceil(reach / dy - 0.5)
+        cols = math.ceil(reach / dx - 0.5)
         self.reach = rows, cols
         down = np.maximum(np.abs(np.arange(-rows, rows + 1)) - 0.5, 0.0) * dy
         along = np.maximum(np.abs(np.arange(-cols, cols + 1)) - 0.5, 0.0) * dx

@@ -14,7 +14,7 @@ from nnpp_edge.runtime.cells import Cell, Rectangle, widened
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.kernels import dstar as kernels
-from nnpp_edge.runtime.kernels.nodes import FOUND, octile
+from nnpp_edge.runtime.kernels.nodes import FOUND, PAUSED, octile
 from nnpp_edge.runtime.options import CELLS
 from nnpp_edge.runtime.search.astar import Parts, Search
 from nnpp_edge.runtime.search.region import Region
@@ -84,15 +84,18 @@ class DStarLite:
         start or goal is impassable; TIMEOUT at the deadline, from where the next call goes on.
         """
         self._move_start(start)
-        self._read_changes()
-        if not (self._grid.is_passable(start) and self._grid.is_passable(self.goal)):
-            return Search.without_path(Status.NO_PATH)
-        search = self._search
-        if not self._update_vertices(search, deadline):
-            return Search.without_path(Status.TIMEOUT)
-        code, expansions = kernels.compute_shortest_path(*search, deadline.at)
-        if code != FOUND:
-            return Search.without_path(Status.TIMEOUT, expansions)
+        expansions = 0
+        code = PAUSED
+        while code != FOUND:
+            self._read_changes()  # also after a pause
+            if not (self._grid.is_passable(start) and self._grid.is_passable(self.goal)):
+                return Search.without_path(Status.NO_PATH, expansions)
+            search = self._search
+            if self._update_vertices(search, deadline):
+                code, expanded = kernels.compute_shortest_path(*search, deadline.until)
+                expansions += expanded
+            if code != FOUND and not deadline.goes_on():
+                return Search.without_path(Status.TIMEOUT, expansions)
         cost = self.rhs[self._start]
         if not math.isfinite(cost):
             return Search.without_path(Status.NO_PATH, expansions)
@@ -168,7 +171,7 @@ class DStarLite:
         while self._stale:
             part, blocks = self._stale.pop()
             row, col, rows, cols = part
-            done = kernels.update_vertices(*search, part, blocks, deadline.at)
+            done = kernels.update_vertices(*search, part, blocks, deadline.until)
             if done < rows:
                 self._stale.append(((row + done, col, rows - done, cols), blocks))
                 return False

@@ -9,8 +9,12 @@ from nnpp_edge.runtime import (
     DynamicPlanner,
     Planner,
     Source,
+    Status,
     Vehicle,
 )
+from nnpp_edge.runtime.planners.joining import ON_IT, nearest_on
+from nnpp_edge.runtime.planners.query import Found
+from nnpp_edge.runtime.search.astar import Query, Search
 from tests import oracles
 from tests.pose_oracles import rocks
 from tests.strategies import uniform
@@ -60,3 +64,16 @@ def test_the_bound_of_a_mended_path_is_what_a_path_costs_at_the_least():
         cost[row, col] = 0.9
         planner.update(row, col, cost[row : row + 1, col : col + 1])
     assert mended >= 2
+
+
+@pytest.mark.parametrize(("cost", "bound"), [(1.04, 1.0), (-0.96, -1.0)])
+def test_a_path_suffices_within_epsilon_of_its_bound_also_where_energy_is_got_back(cost, bound):
+    search = Search(Status.OK, np.zeros((1, 2), np.int32), 0)
+    for epsilon, suffices in ((0.03, False), (0.05, True), (math.inf, True)):
+        found = Found(search, Source.REGION, cost, lower_bound=bound)
+        assert found.suffices(Query((0, 0), (1, 1), epsilon)) == suffices
+
+
+def test_where_a_path_crosses_itself_a_body_is_in_the_state_with_its_heading():
+    path = np.array(((0, 0, 3), (0, 1, 4), (1, 1, 5), (0, 0, 8 + 16)), np.int32)
+    assert [nearest_on(path, (0, 0), heading) for heading in (3, 8)] == [(0, ON_IT), (3, ON_IT)]

@@ -8,6 +8,9 @@ import numpy as np
 import pytest
 
 from nnpp_edge.runtime import DynamicPlanner, Ground, Planner
+from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.options import CELLS, METHODS, Entry
+from nnpp_edge.runtime.planners import methods
 from nnpp_edge.runtime.terrain.traversability import terrain_terms
 from tests.doors import SHADED, RoughMobility, add_step_cost, add_term
 from tests.fuzz import bodies
@@ -63,3 +66,19 @@ def test_a_price_by_the_ground_alone_is_that_of_costs_given_with_lengths(monkeyp
         assert rough.state.grid.robot.by_weights  # landmarks serve
         dem[20:30, 10:40] += np.float32(0.1) * (np.arange(30) % 2)
         rough.update_elevation(20, 10, dem[20:30, 10:40])
+
+
+def test_a_method_of_a_file_of_its_own_tells_its_bound_and_is_refused_for_a_body(monkeypatch):
+    find = "nnpp_edge.runtime.planners.methods:Methods.search_map"
+    entry = Entry("corridor", "within half", find, bound=1.5, robots=(CELLS,))
+    monkeypatch.setitem(METHODS, "corridor", entry)
+    monkeypatch.setattr(methods, "_way", methods._way.__wrapped__)
+    dem = np.zeros((30, 40))
+    point = DynamicPlanner.of_elevation(dem, SIDE, (24, 20), method="corridor")
+    point.move((5, 5))
+    plan = point.replan()
+    assert plan.ok and plan.lower_bound == pytest.approx(plan.cost / 1.5)
+    body = DynamicPlanner.of_elevation(dem, SIDE, (24, 20), vehicle=ROVER, method="corridor")
+    body.move((5, 5))
+    with pytest.raises(InvalidQueryError, match="'corridor' does not plan over states: wanted one"):
+        body.replan()

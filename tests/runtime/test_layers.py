@@ -14,5 +14,8 @@ def test_ground_that_a_body_may_pass_unknown_is_shut_where_told():
     assert planner.plan((5, 5), (34, 34)).ok
     planner.update(20, 0, np.ones((1, 40)))
     assert planner.plan((5, 5), (34, 34)).status == "NO_PATH"
+    left = np.arange(40)[None] < 20
+    planner.update(10, 0, np.ones((1, 40)), seen=left)
+    assert ((planner.state.cost()[10] == np.inf) == left).all()
     planner.update(20, 0, np.zeros((1, 40)))
     assert planner.plan((5, 5), (34, 34)).ok

@@ -49,7 +49,7 @@ def test_near_goals_are_found_by_exact_search_unless_the_way_is_long_and_auto_sa
     assert picked.summary()["method"] == picked.planner == "corridor"
     moving = DynamicPlanner(cost, (101, 150), model=network)
     moving.move((99, 150))
-    assert moving.replan().ok and moving.replan().planner == "corridor"
+    assert moving.replan().planner == "corridor"
     always = Planner(cost, model=network, ask_from=0)
     assert always.plan((99, 150), (80, 110), method="nnpp").source == "region"
 
@@ -118,6 +118,7 @@ def test_a_status_says_why(network):
             status is Status.OK,
         )
         assert bool(message.reason) != message.ok == bool(len(message.path))
+    assert Planner(cost).plan((3, 3), (5, 10)).status is Status.START_BLOCKED
 
 
 # --- on a map that changes

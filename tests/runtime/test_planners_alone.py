@@ -266,11 +266,28 @@ def test_a_brief_search_gives_up_after_its_expansions():
     assert limit <= work.expansions <= limit + 8
 
 
-@pytest.mark.parametrize(("apart", "wanted"), [(tuning.NEAR - 1, "astar"), (235, "corridor")])
-def test_auto_plans_anew_on_a_map_that_changes(apart, wanted):
+@pytest.mark.parametrize(("apart", "picked"), [(tuning.NEAR - 1, "astar"), (235, "corridor")])
+def test_auto_repairs_its_last_search_unless_the_goal_or_ground_near_it_changed(
+    apart, picked, monkeypatch
+):
+    for name in ("LARGE_MAP", "FAR"):  # where a map that stands is planned on by the network
+        monkeypatch.setattr(f"nnpp_edge.runtime.planners.methods.{name}", 100)
     planner = DynamicPlanner(free(40, 250), (20, 240))
     planner.move((20, 240 - apart))
-    for _ in range(2):
+    others = {"map", "region"} if picked == "astar" else {"region"}
+
+    def found(by):
         plan = planner.replan()
-        assert plan.planner == wanted == plan.summary()["method"] and plan.choice
-        planner.update(22, 247 - apart, free(1, 1) + 0.3)
+        assert plan.planner == by == plan.summary()["method"] and plan.choice
+        return plan
+
+    assert found(picked).source in others
+    planner.update(22, 247 - apart, free(1, 1) + 0.3)
+    repaired = found("dstar")
+    planner.update(20, 236, free(1, 1) + 0.3)
+    assert repaired.source == "map" and planner.replan().source == "standing"
+    planner.set_goal((21, 240))
+    found(picked)
+    planner.update(0, 243 - apart, np.full((40, 1), np.inf))
+    plan = planner.replan()
+    assert plan.status is Status.NO_PATH and plan.planner == "corridor"

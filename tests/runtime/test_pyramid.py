@@ -160,3 +160,15 @@ def test_there_is_another_level_as_long_as_one_is_large():
         assert [len(coarse_shapes(side, narrow)) for side in (size - 1, size)] == [1, 2]
         levels = Pyramid(Grid(size, narrow, StepModel.of("paper"))).levels
         assert max(levels[1].grid.shape) >= ANOTHER_LEVEL_FROM > max(levels[2].grid.shape)
+
+
+def test_a_cell_that_is_dearer_than_any_weighs_in_all_obstacles_of_a_map_of_lengths():
+    cost = uniform(3, (80, 90), 1.0, 2.0)
+    cost[uniform(4, cost.shape) < 0.2] = np.inf
+    state = state_of(cost, "length")
+    assert state.pyramid
+    cost[0, 0] = 9.0
+    state.update(0, 0, cost[:1, :1])
+    fresh = state_of(cost, "length")
+    for one, other in zip(state.pyramid.levels, fresh.pyramid.levels, strict=True):
+        np.testing.assert_array_equal(one.grid.weights, other.grid.weights)

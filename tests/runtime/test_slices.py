@@ -29,6 +29,7 @@ from nnpp_edge.runtime import (
     Origin,
     Plan,
     Pose,
+    Source,
     Status,
     Vehicle,
 )
@@ -85,7 +86,7 @@ def walled():
     return dem
 
 
-@pytest.mark.parametrize("method", ["auto", "corridor", "astar"])
+@pytest.mark.parametrize("method", ["auto", "corridor", "astar", "dstar"])
 def test_on_a_map_that_stays_a_search_in_slices_finds_what_one_at_once_finds(robot, method):
     dem = rocks(5, *SHAPE, 0.004)
     at_once = moving(robot, dem, method).replan()
@@ -116,7 +117,7 @@ def test_a_brief_search_is_as_brief_in_slices(robot):
 @pytest.mark.parametrize("seed", range(MAPS))
 def test_while_the_map_changes_a_search_ends_at_a_path_that_the_newest_map_allows(robot, seed):
     dem = rocks(seed, *SHAPE, 0.004)
-    planner = moving(robot, dem)
+    planner = moving(robot, dem, ("auto", "dstar")[seed % 2])
     rng = np.random.default_rng(seed)
     left = [12]
 
@@ -488,6 +489,32 @@ def test_a_robot_beside_its_path_is_led_back_to_it_and_around_blocks(robot, monk
     assert plan.ok and tuple(plan.path[0]) == (12, 16) and tuple(plan.path[-1]) == GOAL
     assert plan.states is None or plan.states[0] % 16 == planner.state.grid.robot.moves.direction(
         100.0
+    )
+    planner.move(GOAL)  # where it stands, and there an obstacle comes
+    planner.update(*GOAL, np.ones((1, 1)))
+    assert planner.joined() is None
+
+
+def test_a_path_is_led_to_the_heading_in_which_it_is_to_arrive_now(robot, monkeypatch):
+    monkeypatch.setattr("nnpp_edge.runtime.planners.dynamic.JOIN_MS", 1e6)
+    planner = moving(robot, np.zeros(SHAPE))
+    assert planner.replan().ok
+    for heading in (180.0, 90.0):
+        planner.set_goal(GOAL, heading)
+        plan = planner.joined()
+        assert plan.ok and (robot != "arcs" or plan.headings_deg[-1] == pytest.approx(heading))
+
+
+@pytest.mark.parametrize(("side", "source"), [(6, Source.STANDING), (20, Source.REGION)])
+def test_auto_searches_anew_where_the_way_round_a_block_costs_much_more(robot, side, source):
+    """A diagonal wall, two cells thick; a body on feet turns on the spot to go round it."""
+    planner = moving(robot, np.zeros(SHAPE))
+    first = planner.replan()
+    wall = np.eye(side) + np.eye(side, k=1)
+    row, col = first.path[len(first.path) // 2] - side // 2
+    planner.update(row, col, wall[:, ::-1])
+    assert planner.replan().source == {"point": Source.MAP, "body": Source.REGION}.get(
+        robot, source
     )
 
 

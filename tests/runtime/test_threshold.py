@@ -9,11 +9,14 @@ from nnpp_edge.runtime.kernels.threshold import lowered
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.pyramid import Level, Pyramid
 from nnpp_edge.runtime.network.encoding import Frame
-from nnpp_edge.runtime.region.learned import RegionFinder, probability_of
+from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.region.learned import LearnedRegions, RegionFinder, probability_of
 from nnpp_edge.runtime.search.astar import astar
 from nnpp_edge.runtime.search.workspace import Workspace
+from nnpp_edge.runtime.stopwatch import Work
 from nnpp_edge.runtime.terrain.step_cost import StepModel
 from tests import oracles
+from tests.strategies import flat, state_of, uniform
 
 
 @given(st.integers(1, 16), st.integers(0, 2**32), st.sampled_from([4, 256]), st.data())
@@ -150,6 +153,22 @@ def test_on_coarse_cells_the_bound_by_blocks_changes_nothing(rows, cols, seed):
         for touching in (False, True)
     }
     assert len(found) == 1
+
+
+def test_of_a_map_with_fewer_cells_than_blocks_the_threshold_is_that_of_the_cells_blocks(
+    network, monkeypatch
+):
+    state = state_of(flat(5, 6, 0.2))
+    blocks = network.metadata.blocks
+    rows, cols = Frame(*state.shape, network.metadata.input_size).lookup(blocks)
+    place = Level(state.grid), 0, Workspace(len(state.grid.weights)), Work()
+    for seed in range(20):
+        probability = uniform(seed, (blocks, blocks))
+        monkeypatch.setattr(NetworkModel, "answer", lambda *_, answer=probability: answer)
+        td, *_ = LearnedRegions(state, network).regions((0, 0), (4, 5), *place)
+        levels = np.minimum(np.sqrt(np.sqrt(probability)) * 256, 255).astype(np.uint8)
+        levels = levels[np.ix_(rows, cols)]
+        assert td == probability_of(oracles.threshold_by_loop(levels, (0, 0), (4, 5)))
 
 
 def test_levels_reach_far_down_and_factors_are_those_of_probabilities():
