@@ -39,8 +39,9 @@ def test_the_papers_region_is_all_at_a_factor_of_the_greatest_threshold_that_joi
     levels = here.finder.levels.astype(int)
     td = max(level for level in range(256) if joined(levels >= level, here))
     assert td > 0
-    np.testing.assert_array_equal(region.blocks()[:-1, :-1], levels >= int(td * 0.5**0.25))
-    assert (region.blocks()[:-1, :-1] > (levels >= td)).any()
+    blocks = region.blocks()[:-1, :-1]
+    np.testing.assert_array_equal(blocks, levels >= int(td * 0.5**0.25))
+    assert (blocks > (levels >= td)).any()
 
 
 def test_controls_are_as_large_as_the_networks_region_and_join_start_and_goal(here):
