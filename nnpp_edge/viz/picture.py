@@ -266,7 +266,8 @@ def hillshade(elevation: Float2D, cell_size_m: float, cell_width_m: float | None
     steep = max(float(np.quantile(tilt, 0.9)), 1e-6)
     gain = min(max(0.7 / steep, 1.0), 50.0)
     # 45 degrees high, and as much from the north as from the west
-    light = (math.sqrt(0.5) + 0.5 * gain * (south + east)) / np.sqrt(1.0 + gain**2 * tilt**2)
+    toward = math.sqrt(0.5) + 0.5 * gain * (south + east)
+    light = toward / np.hypot(1.0, gain * tilt)
     return np.asarray(40.0 + 205.0 * np.clip(light, 0.0, 1.0), np.uint8)
 
 

@@ -266,7 +266,10 @@ def test_start_up_is_measured_where_a_budget_or_an_option_asks_for_it(
         ("start_up_warm_s", "nnpp", False),
         ("first_tick_warm_s", "loop", True),
     ):
-        budget = f'{{ name = "b", quantity = "{quantity}", limit = 1, direction = "at most", unit = "s" }},'
+        budget = (
+            f'{{ name = "b", quantity = "{quantity}", limit = 1, '
+            'direction = "at most", unit = "s" },'
+        )
         profile(changes={"]\n[device]": f"{budget}\n]\n[device]", **ALONE})
         found = told("profile --profile tiny.toml")
         assert asked.pop() == ("auto" if loop else "nnpp", loop, False) and not asked

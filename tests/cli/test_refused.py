@@ -30,7 +30,7 @@ fly                                            | no such command 'fly'; see nnpp
 plan                                           | missing argument 'DEM'; see nnpp-edge plan --help
 costmap dem.tif                                | missing option '-o' / '--output'
 plan hills.tif --start 1,1                     | missing option '--goal'
-plan hills.tif --start 1 --goal 2,2            | wanted ROW,COL as two whole numbers, xy:X,Y or lonlat:LON,LAT, got '1'
+plan hills.tif --start 1 --goal 2,2            | wanted ROW,COL as two whole numbers, xy:X,Y
 plan hills.tif --start xy:nan,1 --goal 2,2     | xy:X,Y
 plan hills.tif --start 1.5,1 --goal 2,2        | two whole numbers
 plan hills.tif --start xy:1e308,1e308 --goal 2,2 | near the map
