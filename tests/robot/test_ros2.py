@@ -352,20 +352,16 @@ def test_a_counter_that_has_grown_is_a_warning_and_the_first_counters_are_none(s
     assert len(told(2)) == 4
 
 
-def test_the_newest_pose_is_read_between_patches_and_none_while_one_is_too_old(session):
+def test_the_newest_pose_is_read_between_patches(session):
     session, node = session
     for _ in range(3):
         session.put(MapPatch(0, 0, cost=np.ones((1, 1))))
     inputs = session.poll()
     found = [type(next(inputs))]
-    node.listener.robot = PoseInFrame(0.5, 0.25, 0.0)
-    found += [type(next(inputs)), type(next(inputs))]
-    node.listener.robot = PoseInFrame(0.5, 0.5, 0.0)
-    node.listener.overdue.return_value = "the newest map is 3 s old"
-    assert [*found, *map(type, inputs)] == [MapPatch, Pose, MapPatch, MapPatch]
-    for why, kinds in (("", [Pose]), ("the newest map is 3 s old", []), ("", [Pose])):
-        node.listener.overdue.return_value = why
-        assert [*map(type, session.poll())] == kinds
+    for y in (0.25, 0.5):
+        node.listener.robot = PoseInFrame(0.5, y, 0.0)
+        found += [type(next(inputs)), type(next(inputs))]
+    assert [*found, *map(type, inputs)] == [MapPatch, Pose, MapPatch, Pose, MapPatch]
 
 
 @pytest.mark.parametrize("words", [["foo"], ["-p", "rate_hz=10"], ["--params-file", "none.yaml"]])
