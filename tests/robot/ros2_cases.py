@@ -57,7 +57,7 @@ class Peer:
         self._timers = []
         self.heard = {}
 
-    def until(self, holds, patience_s=30.0):
+    def until(self, holds, patience_s=60.0):
         """Wait for something that another process does."""
         end = time.monotonic() + patience_s
         while not holds():

@@ -45,18 +45,7 @@ pytestmark = pytest.mark.filterwarnings(
 )  # of rclpy's import
 ROOT = Path(__file__).parents[2]
 DOMAIN = 1 + os.getpid() % 100
-DEFAULTS = {
-    "map_file": "",
-    "map_size_m": 0.0,
-    "resolution": 0.1,
-    "global_frame": "map",
-    "vehicle": "",
-    "radius_m": 0.0,
-    "approach": False,
-    "odom_timeout_s": 1.0,
-    "method": "auto",
-    "rate_hz": 17.0,
-}
+PARAMETERS = {"radius_m": 0.3, "odom_timeout_s": 1.0, "vehicle": ""}
 CONFIGURE, CLEAN_UP, ACTIVATE, DEACTIVATE = range(1, 5)
 
 
@@ -100,13 +89,13 @@ class Node:
         answer = self.peer.ask("/nnpp_edge/set_parameters", SetParameters, request)
         return [each.reason for each in answer.results if not each.successful]
 
-    def run(self, **values):
-        """Have it run anew with these parameters, all others being the defaults."""
+    def run(self):
+        """Have it run anew, with `PARAMETERS`."""
         if self.state == "active":
             self.change(DEACTIVATE)
         if self.state == "inactive":
             self.change(CLEAN_UP)
-        assert self.set(**(DEFAULTS | values)) == []
+        assert self.set(**PARAMETERS) == []
         for heard in self.peer.heard.values():
             heard.clear()
         assert self.change(CONFIGURE) and self.change(ACTIVATE)
@@ -205,7 +194,7 @@ def hall(rows=40, cols=60):
 
 def test_from_a_latched_map_to_a_path_around_a_wall_and_whoever_joins_late_gets_it(node, peer):
     node.map(hall(), x=-5.0, y=2.0)
-    node.run(radius_m=0.3)
+    node.run()
     node.odom(-4.0, 4.0)
     node.goal(8.0, 4.0, 90.0)
     path = node.path()
@@ -241,7 +230,7 @@ def test_an_elevation_map_is_sent_and_a_path_got_with_what_the_wheels_have(peer)
 def test_a_life_of_two_rounds_through_all_states(node, peer):
     node.map(hall())
     for _ in range(2):
-        node.run(radius_m=0.3)
+        node.run()
         assert node.state == "active"
         node.odom(1.0, 1.0)
         node.goal(14.0, 1.0)
@@ -267,7 +256,7 @@ def test_a_life_of_two_rounds_through_all_states(node, peer):
 
 def test_a_service_plans_from_any_place(node, peer):
     node.map(hall())
-    node.run(radius_m=0.3)
+    node.run()
     node.odom(1.0, 1.0)
 
     def asked(**request):
@@ -285,7 +274,7 @@ def test_a_service_plans_from_any_place(node, peer):
 
 def test_actions_plan_as_nav2_asks(node, peer):
     node.map(hall())
-    node.run(radius_m=0.3)
+    node.run()
     node.odom(1.0, 1.0)
     actions = import_module("nav2_msgs.action")
 
@@ -352,20 +341,16 @@ def test_a_counter_that_has_grown_is_a_warning_and_the_first_counters_are_none(s
     assert len(told(2)) == 4
 
 
-def test_the_newest_pose_is_read_between_patches_and_none_while_one_is_too_old(session):
+def test_the_newest_pose_is_read_between_patches(session):
     session, node = session
     for _ in range(3):
         session.put(MapPatch(0, 0, cost=np.ones((1, 1))))
     inputs = session.poll()
     found = [type(next(inputs))]
-    node.listener.robot = PoseInFrame(0.5, 0.25, 0.0)
-    found += [type(next(inputs)), type(next(inputs))]
-    node.listener.robot = PoseInFrame(0.5, 0.5, 0.0)
-    node.listener.overdue.return_value = "the newest map is 3 s old"
-    assert [*found, *map(type, inputs)] == [MapPatch, Pose, MapPatch, MapPatch]
-    for why, kinds in (("", [Pose]), ("the newest map is 3 s old", []), ("", [Pose])):
-        node.listener.overdue.return_value = why
-        assert [*map(type, session.poll())] == kinds
+    for y in (0.25, 0.5):
+        node.listener.robot = PoseInFrame(0.5, y, 0.0)
+        found += [type(next(inputs)), type(next(inputs))]
+    assert [*found, *map(type, inputs)] == [MapPatch, Pose, MapPatch, Pose, MapPatch]
 
 
 @pytest.mark.parametrize("words", [["foo"], ["-p", "rate_hz=10"], ["--params-file", "none.yaml"]])

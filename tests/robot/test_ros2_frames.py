@@ -2,6 +2,7 @@
 errors that tf2_ros documents, `do_transform_pose` is that of tf2_geometry_msgs, on the plane.
 """
 
+import cmath
 import math
 import sys
 from types import ModuleType, SimpleNamespace
@@ -37,14 +38,14 @@ class Buffer:
 
 def do_transform_pose(pose, transform):
     x, y, yaw_deg = transform
-    yaw = math.radians(yaw_deg)
-    at = pose.position
-    own_yaw = 2.0 * math.atan2(pose.orientation.z, pose.orientation.w)
-    return posed(
-        x + math.cos(yaw) * at.x - math.sin(yaw) * at.y,
-        y + math.sin(yaw) * at.x + math.cos(yaw) * at.y,
-        yaw_deg + math.degrees(own_yaw),
-    )
+    at = complex(x, y) + turned(complex(pose.position.x, pose.position.y), yaw_deg)
+    turn = pose.orientation
+    return posed(at.real, at.imag, yaw_deg + 2.0 * math.degrees(math.atan2(turn.z, turn.w)))
+
+
+def turned(place, yaw_deg):
+    """A place turned about the origin."""
+    return place * cmath.rect(1.0, math.radians(yaw_deg))
 
 
 @pytest.fixture
@@ -86,7 +87,7 @@ def test_a_frame_that_tf2_does_not_know_is_refused_in_a_line(frames):
 
 
 def test_what_tf2_brings_is_checked_as_what_comes_in_the_global_frame(frames):
-    turned = posed(math.nan, 0.0, 0.0)
+    nowhere = posed(math.nan, 0.0)
     for frame in ("map", "odom"):
         with pytest.raises(InvalidMessageError, match="wanted a pose at finite metres"):
-            frames.place(turned, frame, "a pose")
+            frames.place(nowhere, frame, "a pose")

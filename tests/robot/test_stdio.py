@@ -5,6 +5,7 @@ import os
 import threading
 import time
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,45 +21,35 @@ POSE = encode(Pose(5, 5))
 GOAL = encode(Goal(35, 55))
 
 
-class Pipe:
-    """Both ends, each closed once."""
-
-    def __init__(self):
-        self.read, self.write = os.pipe()
-        self._open = {self.read, self.write}
-
-    def close(self, *ends):
-        for end in ends or (self.read, self.write):
-            if end in self._open:
-                self._open.remove(end)
-                os.close(end)
+def pipe(*, kept=False):
+    """Both ends; a file may be closed twice. The reading end may be `kept` open."""
+    read, write = os.pipe()
+    ends = (os.fdopen(read, "rb", closefd=not kept), os.fdopen(write, "wb"))
+    return SimpleNamespace(read=ends[0], write=ends[1])
 
 
 @pytest.fixture
 def incoming():
-    """To the loop."""
-    pipe = Pipe()
-    yield pipe
-    pipe.close(pipe.write)  # the reading end stays: a thread may still wait at it
+    """To the loop: a thread may still wait at the reading end."""
+    found = pipe(kept=True)
+    with found.write:
+        yield found
 
 
 @pytest.fixture
 def outgoing():
     """From the loop."""
-    pipe = Pipe()
-    yield pipe
-    pipe.close()
+    found = pipe()
+    with found.read, found.write:
+        yield found
 
 
 def send(pipe, *messages):
     """Write and close from a thread of its own, as another process would; the thread."""
 
     def write():
-        for message in messages:
-            content = memoryview(message + b"\n")
-            while content:
-                content = content[os.write(pipe.write, content) :]
-        pipe.close(pipe.write)
+        with pipe.write:
+            pipe.write.write(b"\n".join([*messages, b""]))
 
     thread = threading.Thread(target=write, daemon=True)
     thread.start()
@@ -67,19 +58,16 @@ def send(pipe, *messages):
 
 def received(pipe):
     """What was written to a pipe that nobody writes to any more."""
-    pipe.close(pipe.write)
-    chunks = []
-    while chunk := os.read(pipe.read, 1 << 16):
-        chunks.append(chunk)
-    return [decode_output(message) for message in b"".join(chunks).splitlines()]
+    pipe.write.close()
+    return [decode_output(message) for message in pipe.read]
 
 
 def test_garbage_is_answered_line_by_line_and_ends_nothing(
     incoming, outgoing, navigator, drive, monkeypatch
 ):
     monkeypatch.setattr(StdioSource, "limit", 2000)
-    source = StdioSource(navigator.count_error, descriptor=incoming.read)
-    sink = StdioSink(source.refusals, descriptor=outgoing.write)
+    source = StdioSource(navigator.count_error, descriptor=incoming.read.fileno())
+    sink = StdioSink(source.refusals, descriptor=outgoing.write.fileno())
     bad = (b"\x00\xff garbage", b'{"type":"pose"}', b"x" * 300_000, b'{"type":"goal","row":')
     send(incoming, POSE, *bad, GOAL)
     ended = drive(navigator, source, [sink])
@@ -95,7 +83,7 @@ def test_garbage_is_answered_line_by_line_and_ends_nothing(
 def test_a_sender_that_is_too_fast_waits(incoming, navigator, drive, make_mailbox):
     patches = [MapPatch(0, n, cost=np.full((40, 40), n)) for n in range(100)]
     make_mailbox(partial(Mailbox, 4))
-    source = StdioSource(navigator.count_error, descriptor=incoming.read)
+    source = StdioSource(navigator.count_error, descriptor=incoming.read.fileno())
     ended = drive(navigator, source, ticks=10)
     assert ended.counters.ticks == 10, "the loop goes on while nothing comes"
     thread = send(incoming, *map(encode, patches))
@@ -107,8 +95,8 @@ def test_a_sender_that_is_too_fast_waits(incoming, navigator, drive, make_mailbo
 
 
 def test_a_reader_that_has_gone_is_told_once(outgoing):
-    sink = StdioSink(descriptor=outgoing.write)
-    outgoing.close(outgoing.read)
+    sink = StdioSink(descriptor=outgoing.write.fileno())
+    outgoing.read.close()
     message = PathMessage(1, Status.NO_POSE, Origin.NONE)
     with pytest.raises(OutputError, match="closed by its reader"):
         sink.publish(message)
@@ -116,9 +104,9 @@ def test_a_reader_that_has_gone_is_told_once(outgoing):
 
 
 def test_descriptors_that_do_not_block_are_waited_for(incoming, outgoing, navigator):
-    os.set_blocking(incoming.read, False)
-    os.set_blocking(outgoing.write, False)
-    source = StdioSource(navigator.count_error, descriptor=incoming.read)
+    os.set_blocking(incoming.read.fileno(), False)
+    os.set_blocking(outgoing.write.fileno(), False)
+    source = StdioSource(navigator.count_error, descriptor=incoming.read.fileno())
     time.sleep(0.05)  # the reader finds nothing, and must wait
     send(incoming, POSE)
     found = []
@@ -126,8 +114,8 @@ def test_descriptors_that_do_not_block_are_waited_for(incoming, outgoing, naviga
     assert found == [Pose(5, 5)]
     path = np.zeros((20_000, 2), np.int32)
     message = PathMessage(1, Status.OK, Origin.FULL, path)
-    writer = threading.Thread(target=StdioSink(descriptor=outgoing.write).publish, args=(message,))
+    sink = StdioSink(descriptor=outgoing.write.fileno())
+    writer = threading.Thread(target=sink.publish, args=(message,))
     writer.start()
-    with os.fdopen(os.dup(outgoing.read), "rb") as file:
-        assert len(json.loads(file.readline())["path"]) == 20_000
+    assert len(json.loads(outgoing.read.readline())["path"]) == 20_000
     writer.join(5.0)

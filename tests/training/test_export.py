@@ -1,5 +1,6 @@
 """The exported model: its answers, its metadata, and how it is written."""
 
+import copy
 import math
 import re
 from types import SimpleNamespace
@@ -10,6 +11,7 @@ import pytest
 import torch
 from torch import nn
 
+from nnpp_edge.export import to_onnx as export
 from nnpp_edge.export.to_onnx import dataset_facts, export_network, parity
 from nnpp_edge.model.network import Network
 from nnpp_edge.model.registry import Spec
@@ -127,7 +129,19 @@ def test_the_file_says_how_the_maps_were_made_that_it_was_trained_on(exported):
     assert "hard_slope_deg" not in found["cost_limits"], "JSON has no infinity"
 
 
-def test_a_model_that_the_runtime_would_refuse_is_not_written(tmp_path):
+@pytest.fixture(scope="module")
+def graph():
+    """Of the edge network, as torch writes it."""
+    return export.to_onnx(lived_in(EDGE))
+
+
+@pytest.fixture
+def written(graph, monkeypatch):
+    """Torch, which takes seconds to write it, is not asked again."""
+    monkeypatch.setattr(export, "to_onnx", lambda network: copy.deepcopy(graph))
+
+
+def test_a_model_that_the_runtime_would_refuse_is_not_written(tmp_path, written):
     output = tmp_path / "out.onnx"
     with pytest.raises(ModelError, match=f"^{output}: .*region_factor"):
         export_network(lived_in(EDGE), output, name="x", region_factor=1.5)
@@ -143,7 +157,7 @@ def test_metadata_names_terrain_without_its_folders():
     assert dataset_facts(recipe) == msgspec.structs.asdict(recipe) | {"terrain": ["moon.tif"]}
 
 
-def test_the_command_reports_and_ends_well(nnpp_edge, tmp_path):
+def test_the_command_reports_and_ends_well(nnpp_edge, tmp_path, written):
     path = checkpoint(tmp_path / "checkpoint.pt", lived_in(EDGE))
     file = tmp_path / "lunar.onnx"
     ended = nnpp_edge("export", path, "-o", file)
