@@ -31,27 +31,36 @@ def ignore(*_: object) -> None:
 
 
 @contextmanager
-def bar(what: str, total: int) -> Iterator[Advance]:
+def bar(what: str, total: int, *, quiet: bool = False) -> Iterator[Advance]:
     """Show a progress bar on stderr; the value is a function to call with how much is done.
 
-    It is drawn then alone: no thread of its own takes time from what is measured.
+    A quiet one is drawn only then: no thread of its own takes time from what is measured.
     """
     if not sys.stderr.isatty():
         yield _lines(what, max(total, 1))
         return
-    told = ""
-    with click.progressbar(
-        range(total),
-        label=what,
-        file=sys.stderr,
-        show_pos=total != THOUSANDTHS,
-        item_show_func=lambda _: told,
-    ) as shown:
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TaskProgressColumn,
+        TextColumn,
+        TimeRemainingColumn,
+    )
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TaskProgressColumn() if total == THOUSANDTHS else MofNCompleteColumn(),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[words]}"),
+    )
+    with Progress(*columns, console=Console(stderr=True), auto_refresh=not quiet) as progress:
+        task = progress.add_task(what, total=total, words="")
 
         def advance(done: int, words: str = "", /) -> None:
-            nonlocal told
-            told = words
-            shown.update(done - shown.pos)
+            progress.update(task, completed=done, words=words, refresh=quiet)
 
         yield advance
 
