@@ -91,6 +91,7 @@ def _exercise_costs(network: NetworkModel) -> None:
             moving.move((1, 2 + at))
             moving.replan(method=method)
             moving.update(1, 4, patch)
+            moving.standing()
     Planner(_read_only(cost))
 
 

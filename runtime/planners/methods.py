@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
-from functools import cache, cached_property, partial
+from functools import cached_property, partial
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, NamedTuple
@@ -26,7 +26,6 @@ from nnpp_edge.runtime.planners.searchers import (
     Searcher,
 )
 from nnpp_edge.runtime.search.astar import Query, Search
-from nnpp_edge.runtime.search.dstar_lite import serves
 from nnpp_edge.runtime.stopwatch import Work
 from nnpp_edge.runtime.tuning import (
     BRIEF_EXPANSIONS,
@@ -260,7 +259,11 @@ class Methods:
         has changed near it since.
         """
         grid = self.state.grid
-        if query.goal != self._goal or grid.cells > MOST_CELLS_TO_REPAIR or not serves(grid):
+        if query.goal != self._goal or grid.cells > MOST_CELLS_TO_REPAIR:
+            return False
+        from nnpp_edge.runtime.search.dstar_lite import serves
+
+        if not serves(grid):
             return False
         near = REPAIRED_FROM * query.apart
         return all(apart(each.part, query.goal) >= near for each in self._changes.peek())
@@ -394,7 +397,6 @@ class Methods:
         return levels[number], number
 
 
-@cache
 def _way(method: str, why: str = "") -> Way:
     """How a path is found by a method that chooses among no others."""
     find = METHODS[method].find

@@ -10,7 +10,6 @@ import pytest
 from nnpp_edge.runtime import DynamicPlanner, Ground, Planner
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.options import CELLS, METHODS, Entry
-from nnpp_edge.runtime.planners import methods
 from nnpp_edge.runtime.terrain.traversability import terrain_terms
 from tests.doors import SHADED, RoughMobility, add_step_cost, add_term
 from tests.fuzz import bodies
@@ -72,7 +71,6 @@ def test_a_method_of_a_file_of_its_own_tells_its_bound_and_is_refused_for_a_body
     find = "nnpp_edge.runtime.planners.methods:Methods.search_map"
     entry = Entry("corridor", "within half", find, bound=1.5, robots=(CELLS,))
     monkeypatch.setitem(METHODS, "corridor", entry)
-    monkeypatch.setattr(methods, "_way", methods._way.__wrapped__)
     dem = np.zeros((30, 40))
     point = DynamicPlanner.of_elevation(dem, SIDE, (24, 20), method="corridor")
     point.move((5, 5))
