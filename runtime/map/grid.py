@@ -34,6 +34,7 @@ from nnpp_edge.runtime.terrain.step_cost import (
     StepCost,
     StepModel,
 )
+from nnpp_edge.runtime.tuning import FILLED_BY_THREADS_FROM
 
 _FAR = 0.25
 """A bound is measured anew when it lies beyond this share, or one over it, of what was measured
@@ -111,7 +112,7 @@ class Grid:
             limits = tuple(grid._limits)
             bands.append(fill_costs(cost, limits, row0, row1, grid.weights, grid.stride))
 
-        in_bands(fill, 0, rows, cols)
+        in_bands(fill, 0, rows, cols, threads_from=FILLED_BY_THREADS_FROM)
         lows, highs, below = zip(*bands, strict=True)
         lowest, highest = np.array((min(lows), max(highs)), np.int32).view(np.float32)
         limits = grid._limits
