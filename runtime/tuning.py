@@ -34,10 +34,6 @@ THREADS_FROM = 200_000
 """Cells from which on a map is computed by a thread a core: to start one takes as long as some ten
 thousand cells.
 """
-FILLED_BY_THREADS_FROM = 1 << 22
-"""Likewise, of costs that are given: one thread takes 34 µs for 512² cells and 82 for 900², two
-with their start 159 and 181; at 2048² 576 and 679.
-"""
 STRIPE_CELLS = 1 << 18
 """Cells of a map that are made ready between two readings of the clock: about half a
 millisecond.

@@ -15,7 +15,6 @@ from nnpp_edge.runtime.arrays import (
     as_map,
     close_border,
 )
-from nnpp_edge.runtime.bands import in_bands
 from nnpp_edge.runtime.cells import Cell, Rectangle, patch_at, slices
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -34,7 +33,6 @@ from nnpp_edge.runtime.terrain.step_cost import (
     StepCost,
     StepModel,
 )
-from nnpp_edge.runtime.tuning import FILLED_BY_THREADS_FROM
 
 _FAR = 0.25
 """A bound is measured anew when it lies beyond this share, or one over it, of what was measured
@@ -106,17 +104,11 @@ class Grid:
         cost = as_map(cost, "cost")
         rows, cols = cost.shape
         grid = cls(rows, cols, model, corner_cutting, bordered(rows, cols))
-        bands: list[tuple[int, int, bool]] = []
-
-        def fill(row0: int, row1: int) -> None:
-            limits = tuple(grid._limits)
-            bands.append(fill_costs(cost, limits, row0, row1, grid.weights, grid.stride))
-
-        in_bands(fill, 0, rows, cols, threads_from=FILLED_BY_THREADS_FROM)
-        lows, highs, below = zip(*bands, strict=True)
-        lowest, highest = np.array((min(lows), max(highs)), np.int32).view(np.float32)
         limits = grid._limits
-        if (low := any(below) or bool(lowest < limits.floor)) or highest > limits.most:
+        rest = (0, rows, grid.weights, grid.stride)
+        *bits, below = fill_costs(cost, tuple(limits), *rest)
+        lowest, highest = np.array(bits, np.int32).view(np.float32)
+        if (low := below or bool(lowest < limits.floor)) or highest > limits.most:
             passable = cost[cost < limits.ceiling]
             model.refuse(float(passable.min() if low else passable.max()))
         if lowest < math.inf:
