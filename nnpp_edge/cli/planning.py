@@ -131,10 +131,6 @@ def plan_on(
             refuse_map(dem)
     planner = Planner(ground if cost is None else ground.priced(cost), model=model, **steps)
     grid = planner.state.grid
-    if large:  # files are read from the first row to the last, not where a search comes first
-        with told_if_slow("costs of the map"):
-            planner.state.pyramid.finish()
-            grid.complete()
     if problem := problem_with(grid, start, goal):
         refuse(problem, start, goal, dem, planner, ground)
     if "time_limit_s" in query:  # loading would use it up

@@ -12,8 +12,8 @@ _NOTHING_HIGH = int32(-1)
 
 
 @kernel
-def fill_costs(cost, limits: CostLimits, row0, row1, weights, stride):
-    """Put the weights of some rows of a new map into their places.
+def fill_costs(cost, limits: CostLimits, weights, stride):
+    """Put the weights of a new map into their places.
 
     Numbers from 0 up are in the order of their bits, read as integers; of integers the compiler
     finds the least of eight at once.
@@ -21,11 +21,11 @@ def fill_costs(cost, limits: CostLimits, row0, row1, weights, stride):
     Arguments as for `write_costs`, of the whole map. Returns the bits of the least passable cost
     above 0 or 0 itself, those of the greatest (-1 without any), and whether one lies below 0.
     """
-    cols = cost.shape[1]
+    rows, cols = cost.shape
     lowest = _NOTHING_LOW
     highest = _NOTHING_HIGH
     below = False
-    for row in range(row0, row1):
+    for row in range(rows):
         first = (row + 1) * stride + 1
         line = cost[row]
         out = weights[first : first + cols]

@@ -105,12 +105,12 @@ class Grid:
         rows, cols = cost.shape
         grid = cls(rows, cols, model, corner_cutting, bordered(rows, cols))
         limits = grid._limits
-        rest = (0, rows, grid.weights, grid.stride)
-        *bits, below = fill_costs(cost, tuple(limits), *rest)
-        lowest, highest = np.array(bits, np.int32).view(np.float32)
-        if (low := below or bool(lowest < limits.floor)) or highest > limits.most:
+        low, high, below = fill_costs(cost, tuple(limits), grid.weights, grid.stride)
+        lowest, highest = np.array((low, high), np.int32).view(np.float32)
+        too_low = below or bool(lowest < limits.floor)
+        if too_low or highest > limits.most:
             passable = cost[cost < limits.ceiling]
-            model.refuse(float(passable.min() if low else passable.max()))
+            model.refuse(float(passable.min() if too_low else passable.max()))
         if lowest < math.inf:
             grid.set_bounds(float(lowest * limits.scale), float(highest * limits.scale))
         grid._measured = grid.least, grid.greatest

@@ -138,8 +138,12 @@ class MapState:
             from nnpp_edge.runtime.map.pyramid import Pyramid
 
             self._pyramid = Pyramid(self.grid)
+            tiles = self.grid.tiles
             if not self._lazy:
                 self.grid.complete(deadline)
+            elif tiles is not None and is_filed(tiles.heights):
+                # a file is read from its first row to its last, not where a search comes first
+                tiles.complete(deadline)
         elif any(change.rescaled for change in changes):
             self._pyramid.update((0, 0, *self.shape))
         else:
