@@ -82,7 +82,7 @@ $(DEV)/ready-to-bench: $(DEV)/ready
 
 bench: $(DEV)/ready-to-bench
 	$(DEV)/bin/nnpp-edge profile --peers --sizes 256,512,1024,2048,4096 -o build/bench
-	$(DEV)/bin/nnpp-edge profile --profile quick --start-up
+	$(DEV)/bin/nnpp-edge profile
 
 results: $(DEV)/ready
 	$(DEV)/bin/python -m nnpp_edge.benchmarks.results $(TERRAIN)

@@ -106,17 +106,14 @@ def command(
         ["quantize", fp32, "-o", int8, "--dataset", data, *judged, "--seed", seed],
     ]
     tell = partial(click.echo, err=as_json)
-    printed = ""
     for number, words in enumerate(steps, 1):
         line = list(map(str, words))
         tell(f"[{number}/6] {shlex.join(['nnpp-edge', *line])}")
-        printed = output_of(line)
-        tell(printed)
+        tell(output_of(line))
 
-    network = int8 if "recommended: int8" in printed else fp32
     beside = "exact A*, corridor, edge and controls"
-    tell(f"[6/6] {network}, {beside} on {queries} queries of the stripe")
-    tell(_compared(network, held_out, terrain, omega, queries, seed))
+    tell(f"[6/6] {int8}, {beside} on {queries} queries of the stripe")
+    tell(_compared(int8, held_out, terrain, omega, queries, seed))
     if as_json:
         click.echo((output / "comparison.json").read_text())
 

@@ -17,7 +17,7 @@ from nnpp_edge.cli.text import tell
 if TYPE_CHECKING:
     from nnpp_edge.profiling.rows import Facts
 
-_FILES = ("report.json", "report.md", "board-row.md", "report.html")
+_FILES = ("report.json", "report.md", "report.html")
 _PEERS_SIZES = (256, 512, 1024)
 _PEERS_QUERIES = 50
 _DEFAULT = "mission"
@@ -27,9 +27,7 @@ _VEHICLE = (
     "vehicle or a TOML file."
 )
 _OUTPUT = (
-    "Folder for report.json, report.md, report.html and board-row.md (a row for docs/boards.md); "
-    "with --peers for "
-    "peers.json and peers.md."
+    "Folder for report.json, report.md and report.html; with --peers for peers.json and peers.md."
 )
 _SIZES = (
     "Sides of the maps, in place of the profile's; for --peers 256,512,1024. Synthetic terrain "
@@ -123,11 +121,6 @@ class ProfileOptions:
         int | None, options.SEED, "Of every random choice; by default the profile's, else 1."
     ] = None
     as_json: options.AsJson = False
-    start_up: Annotated[
-        bool,
-        "Also measure how long new processes take to a first plan, and to the loop's first "
-        "answer; takes minutes.",
-    ] = False
     output: Annotated[Path | None, "-o", options.FOLDER, _OUTPUT] = None
     junit: Annotated[Path | None, "Write the budgets to this file, as tests in JUnit XML."] = None
 
@@ -153,9 +146,9 @@ def command(asked: ProfileOptions) -> None:
     Pins to the profile's cores and lets exact A*, corridor, learned region (int8 and fp32) and auto
     answer the same queries in turns. Then the profile's planner gets each map as if it had just
     arrived, and where a budget asks for it the onboard loop is run with a patch of elevations at
-    each tick. Prints times by stage, speed-up, path costs, the size from which each planner pays,
-    and the budgets. Exit code 0 when all are met, 1 when one is missed, 3 when the run was too
-    noisy to tell, or a budget was missed because the processor was slowed.
+    each tick. Prints times by stage, speed-up, path costs and the budgets. Exit code 0 when all are
+    met, 1 when one is missed, 3 when the run was too noisy to tell, or a budget was missed because
+    the processor was slowed.
 
     \b
     nnpp-edge profile
@@ -180,9 +173,9 @@ def command(asked: ProfileOptions) -> None:
         raise click.UsageError("give one of --profile and --peers")
     if not asked.peers:
         sys.exit(_profile(asked.profile or _DEFAULT, asked))
-    for name in ("vehicle", "start_up", "junit"):
+    for name in ("vehicle", "junit"):
         if getattr(asked, name):
-            raise click.UsageError(f"--{name.replace('_', '-')} does not go with --peers")
+            raise click.UsageError(f"--{name} does not go with --peers")
     _peers(asked)
 
 
@@ -190,7 +183,6 @@ def _profile(name: str, asked: ProfileOptions) -> int:
     """Measure, write what was asked for, print the report; the exit code."""
     from nnpp_edge.cli.profile_text import report_text
     from nnpp_edge.files import write_all
-    from nnpp_edge.profiling.compare import board_table
     from nnpp_edge.profiling.judge import EXIT_CODES
     from nnpp_edge.profiling.junit import junit
     from nnpp_edge.profiling.measure import queries_in
@@ -209,7 +201,6 @@ def _profile(name: str, asked: ProfileOptions) -> int:
     with bar("profile", queries_in(profile.load), quiet=True) as advance:
         report = profile_machine(
             profile,
-            starts=asked.start_up,
             notes=notes,
             progress=advance,
             say=lambda line: click.echo(line, err=True),
@@ -218,7 +209,7 @@ def _profile(name: str, asked: ProfileOptions) -> int:
     contents = {} if asked.junit is None else {asked.junit: junit(report)}
     if written:
         markdown = report_text(report, markdown=True)
-        texts = (content, markdown, f"{board_table(report)}\n", _page(report))
+        texts = (content, markdown, _page(report))
         files = zip(written, texts, strict=True)
         contents |= {path: text.encode() for path, text in files if text}
     write_all(contents)

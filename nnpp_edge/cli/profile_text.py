@@ -6,7 +6,6 @@ from functools import partial
 from nnpp_edge.cli.text import Columns, Row, aligned, columns, table
 from nnpp_edge.profiling.compare import machine_words
 from nnpp_edge.profiling.figures import stages_of
-from nnpp_edge.profiling.inference import int8_in_words
 from nnpp_edge.profiling.judge import IN_WORDS, PASS, measured, place, wanted
 from nnpp_edge.profiling.rows import Facts
 from nnpp_edge.progress import MISSING
@@ -16,7 +15,8 @@ _PLACE = "workload | size: size ² | planner"
 _RESULTS = columns(
     f"{_PLACE} | n | ms/median: time_ms.median | ms/p90: time_ms.p90 | ms/p99: time_ms.p99 | "
     "ms/max: time_ms.max | FPS: fps .0f | network/FPS: inference_fps .0f | "
-    "speed-up/median, ×: speedup_median .2f | speed-up/total, ×: speedup_total .2f | "
+    "int8 over/fp32, ×: int8_speedup .2f | speed-up/median, ×: speedup_median .2f | "
+    "speed-up/total, ×: speedup_total .2f | "
     "success: success_first .1% | after/fallback: success .1% | gap/mean: gap_mean z.2% | "
     "gap/p99: gap_p99 z.2% | expansions: expansions_median .0f"
 )
@@ -29,7 +29,7 @@ _LOOP: Columns = {
     "patch,\ncells": "{0[patch_side]} × {0[patch_side]}".format,
     **columns(
         "n | ms/median: reaction_ms.median | ms/p90: reaction_ms.p90 | ms/p99: reaction_ms.p99 | "
-        "ms/max: reaction_ms.max | new: planned | kept"
+        "ms/max: reaction_ms.max | new: planned | kept | without/a path: without_path"
     ),
 }
 _PEERS = columns(
@@ -61,16 +61,13 @@ def report_text(report: Facts, *, markdown: bool = False) -> str:
         part("Mean ms by stage, and share of the whole", results, columns(_PLACE) | stages),
         part("Maps and patches of elevations that have just arrived", arrived, _ARRIVALS),
         part("The onboard loop: from a patch's arrival to the checked path", report["loop"], _LOOP),
-        lines(_sentences(report)),
         f"{head}Machine",
         lines(f"{name}: {words}" for name, words in machine_words(report).items()),
         lines(f"note: {line}" for line in report["notes"]),
     ]
-    answers = report.get("answers", "")
-    parts = [answers, *measured, *verdict, report["summary"]]
+    parts = [*measured, *verdict, report["summary"]]
     if markdown:
-        title = f"# {report['profile']['title']}"
-        parts = [title, answers, report["summary"], *verdict, *measured]
+        parts = [f"# {report['profile']['title']}", report["summary"], *verdict, *measured]
     return "\n\n".join(filter(None, parts)) + "\n" * markdown
 
 
@@ -86,18 +83,6 @@ def _stage(name: str, row: Row) -> str:
         return MISSING
     mean = spread["mean"]
     return f"{mean:.3f} {100 * mean / row['time_ms']['mean']:3.0f} %"
-
-
-def _sentences(report: Facts) -> Iterator[str]:
-    for line in report["break_even"]:
-        size = line["size_from"]
-        where = "never in this run" if size is None else f"from {size}² on"
-        yield f"{line['planner']} faster than {line['over']}: {where}"
-    for row in report["results"]:
-        if row["int8_speedup"] is not None:
-            yield f"{row['workload']} {row['size']}²: {int8_in_words(row['int8_speedup'])}"
-    if lost := sum(row["without_path"] for row in report["loop"]):
-        yield f"the onboard loop had no path after {lost} patches"
 
 
 _BUDGETS: Columns = {

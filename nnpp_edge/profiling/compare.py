@@ -1,5 +1,5 @@
-"""Reports of `nnpp-edge profile` beside others: what has become worse, and a row for a table of
-boards.
+"""Reports of `nnpp-edge profile` beside each other: what has become worse, and the machine of each
+in words.
 """
 
 from pathlib import Path
@@ -9,9 +9,9 @@ from nnpp_edge.profiling.judge import Noise, judged, noise_of, summary, value_of
 from nnpp_edge.profiling.profile_file import Budget, Profile
 from nnpp_edge.profiling.quantities import QUANTITIES
 from nnpp_edge.profiling.report import SCHEMA
-from nnpp_edge.profiling.rows import PLACE, Facts, Rows
+from nnpp_edge.profiling.rows import PLACE, Facts
 from nnpp_edge.profiling.sensors import Throttling
-from nnpp_edge.progress import MISSING, markdown_table, shown
+from nnpp_edge.progress import shown, with_unit
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.reading import parse, read_text, refused_as
 
@@ -106,98 +106,40 @@ def _noise(*reports: Facts) -> Noise:
     return noise_of(halves, Throttling("; ".join(filter(None, slowed)), 1.0))
 
 
-def board_table(report: Facts) -> str:
-    """The report's row for the table in docs/boards.md, below that table's header."""
-    cells = board(report)
-    return markdown_table([*cells], [[*cells.values()]])
-
-
-def board(report: Facts) -> dict[str, str]:
-    """The report's words for each column of the table in docs/boards.md."""
-    results = Rows(report["results"])
-    first = results.of(workload=results[0]["workload"])
-
-    def medians(planner: str, key: str = "time_ms") -> str:
-        """Milliseconds by size, at the profile's first workload."""
-        found = []
-        for row in first.of(planner):
-            if row[key]:
-                found.append(f"{row['size']}² {row[key]['median']:.3g}")
-        return " · ".join(found) or MISSING
-
-    machine = machine_words(report)
-    profile = report["profile"]
-    return {
-        "date": report["made"][:10],
-        **{name: machine[name] for name in _MACHINE},
-        "profile": f"{profile['name']}: {first[0]['workload']}",
-        "A*, ms": medians("astar"),
-        "corridor, ms": medians("corridor"),
-        "nnpp int8, ms": medians("nnpp"),
-        "nnpp fp32, ms": medians("nnpp-fp32"),
-        "auto, ms": medians("auto"),
-        "first path of a map, ms": medians(profile["planner"], "map_ms"),
-        "verdict": report["verdict"],
-        "others took": machine["others took"],
-        "throttled": machine["throttled"],
-    }
-
-
-_MACHINE = ("processor", "cores", "flags", "clock", "memory", "system", "versions")
-"""Columns of the table of boards."""
-_WHOLE_RUN = {
-    "peak_memory_mb": "peak memory",
-    "model_mb": "model",
-    "start_up_cold_s": "first plan cold",
-    "start_up_cold_mb": "first plan cold, peak",
-    "start_up_warm_s": "first plan warm",
-    "start_up_warm_mb": "first plan warm, peak",
-    "first_tick_cold_s": "first tick cold",
-    "first_tick_cold_mb": "first tick cold, peak",
-    "first_tick_warm_s": "first tick warm",
-    "first_tick_warm_mb": "first tick warm, peak",
-}
-"""Names of the quantities that there is one figure of for each planner."""
-
-
 def machine_words(report: Facts) -> dict[str, str]:
     """The machine of a run, and how it ran, in words."""
     facts = report["environment"]
     sensors = report["sensors"]
-    clocks = sensors["clock_mhz"].values()
-    clock = MISSING if facts["clock_mhz"] is None else f"{facts['clock_mhz']:.0f} MHz"
-    ran = "not told while it ran"
-    if clocks:
-        slowest = min(each["min"] for each in clocks)
-        ran = f"ran at {slowest:.0f} to {max(each['max'] for each in clocks):.0f}"
-    versions = {"python": facts["python"]} | facts["packages"]
-    named = ("python", "nnpp-edge", "numpy", "numba", "onnxruntime")
     halves = report["disturbance"]["halves"]
     taken = max(half[key] or 0.0 for half in halves for key in ("waited_share", "others_share"))
-    temperatures = sensors["temperature_c"]
-    unthrottled = "no" if clocks or temperatures else "not told"
+    versions = {"python": facts["python"]} | facts["packages"]
+    system = facts["system"] or "Linux"
     words = {
         "processor": facts["cpu"],
         "cores": f"{len(report['cores'])} of {facts['cores_online'] or '?'}",
-        "flags": ", ".join(facts["flags"]) or MISSING,
-        "clock": f"{clock}, {ran}",
+        "flags": ", ".join(facts["flags"]),
+        "clock": with_unit(facts["clock_mhz"], "MHz"),
+        "clock meanwhile": _ranges(sensors["clock_mhz"], "MHz"),
+        "temperature": _ranges(sensors["temperature_c"], "°C"),
         "memory": f"{facts['memory_mb'] / 1024:.1f} GiB",
-        "system": "{system}, kernel {kernel}, {architecture}".format(
-            **facts | {"system": facts["system"] or "Linux"}
-        ),
-        "versions": ", ".join(f"{name} {versions.get(name)}" for name in named),
+        "system": f"{system}, kernel {facts['kernel']}, {facts['architecture']}",
+        "versions": ", ".join(f"{name} {number}" for name, number in versions.items()),
         "others took": f"{100 * taken:.1f} %",
-        "throttled": sensors["throttled"] or unthrottled,
+        "throttled": sensors["throttled"],
         "governor": ", ".join(facts["governor"] or ()),
         "load": " ".join(map(str, facts["load_average"])),
     }
-    for quantity, name in _WHOLE_RUN.items():
+    for quantity, by_planner in report["besides"].items():
+        name = quantity.rpartition("_")[0].replace("_", " ")
         unit = QUANTITIES[quantity].unit
-        by_planner = report["besides"].get(quantity, {})
-        figures = [f"{who} {shown(value)} {unit}" for who, value in by_planner.items()]
+        figures = [f"{who} {with_unit(value, unit)}" for who, value in by_planner.items()]
         words[name] = ", ".join(figures)
-    words["temperature"] = ", ".join(
-        f"{zone} {shown(each['min'])} to {shown(each['max'])} °C"
-        for zone, each in temperatures.items()
-    )
     return {name: value for name, value in words.items() if value}
+
+
+def _ranges(sensors: Facts, unit: str) -> str:
+    """Least and greatest readings of each sensor of a kind."""
+    ranges = []
+    for name, each in sensors.items():
+        ranges.append(f"{name} from {shown(each['min'])} to {shown(each['max'])} {unit}")
+    return ", ".join(ranges)

@@ -1,6 +1,4 @@
-"""A run's figures: what each planner did at each workload and size, as rows of a report, and who
-pays over whom.
-"""
+"""A run's figures: what each planner did at each workload and size, as rows of a report."""
 
 from collections.abc import Sequence
 
@@ -11,8 +9,6 @@ from nnpp_edge.runtime.loop.settings import OnboardLoop
 
 STAGES = ("encode", "inference", "threshold", "coarse", "search", "path", "other")
 """Of a plan, in the order of work."""
-PAIRS = (("corridor", "astar"), ("nnpp", "astar"), ("nnpp", "corridor"))
-"""Who might pay over whom."""
 _COUNTS = ("planned", "kept", "without_path", "late")
 """Of the loop's answers."""
 
@@ -75,24 +71,3 @@ def loop_rows(reactions: Rows, loop: OnboardLoop) -> list[Facts]:
             }
         )
     return found
-
-
-def break_even(results: Sequence[Facts]) -> list[Facts]:
-    """The size from which on one planner pays over another, of each pair; None where it does not at
-    the largest.
-    """
-    lines: list[Facts] = []
-    by_size = sorted(Rows(results).by("size").items(), reverse=True)
-    for planner, over in PAIRS:
-        size_from = None
-        for size, rows in by_size:
-            if _total_ms(rows.of(planner)) >= _total_ms(rows.of(over)):
-                break
-            size_from = size
-        lines.append({"planner": planner, "over": over, "size_from": size_from})
-    return lines
-
-
-def _total_ms(rows: Rows) -> float:
-    """Time of all queries together."""
-    return float(sum(row["n"] * row["time_ms"]["mean"] for row in rows))

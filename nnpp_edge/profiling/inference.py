@@ -17,10 +17,6 @@ from nnpp_edge.runtime.planners.planner import Planner
 
 ROUNDS = 100
 """Turns in which int8 and fp32 are timed."""
-PAYS_FROM = 1.3
-"""Times as fast as fp32 from which on int8 pays in speed: `edge` has 1.0 to 1.2, `unseen` 1.6, the
-paper's network 2 to 3.
-"""
 _SIDE = 512
 """Of the map that is planned on between two inferences: 13 MB of weights and scratch memory."""
 
@@ -43,12 +39,6 @@ def fp32_and_int8_ms(fp32: str, int8: str) -> tuple[float, float]:
     networks = {model: NetworkModel(model, threads=1) for model in (fp32, int8)}
     found = inference_ms(networks, Harness(), ROUNDS)
     return found[fp32], found[int8]
-
-
-def int8_in_words(speed_up: float) -> str:
-    """What int8 is worth, by its speed over fp32."""
-    pays = "pays in speed" if speed_up >= PAYS_FROM else "pays in size alone"
-    return f"int8 {pays}: right after a plan its inference is {speed_up:.2f} times as fast as fp32"
 
 
 def _try_out(network: NetworkModel, _: None) -> None:

@@ -3,7 +3,7 @@ searches.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -13,7 +13,7 @@ import numpy as np
 from nnpp_edge.calibrate.quantize import Convolution, answers, int8_file, quantised_graph
 from nnpp_edge.files import write_all
 from nnpp_edge.model.registry import Spec
-from nnpp_edge.profiling.inference import PAYS_FROM, fp32_and_int8_ms, int8_in_words
+from nnpp_edge.profiling.inference import fp32_and_int8_ms
 from nnpp_edge.runtime.arrays import Float32s
 from nnpp_edge.runtime.errors import InvalidQueryError, ModelError, OutputError
 from nnpp_edge.runtime.network.inference import NetworkModel
@@ -24,16 +24,6 @@ from nnpp_edge.training.validation import Judgement, Validator
 Judge = Callable[[Float32s], Judgement | Fit]
 HELD_OUT = 256
 """Queries to judge on, at most."""
-MOST_GAP = 0.3
-"""The most that int8 may add to the mean gap, in percentage points, where no other is asked for."""
-MOST_FAILED = 1
-"""The most that it may take from the share of queries with a path inside the region, in %."""
-MOST_DIFFERENCE = 0.005
-"""Mean difference of the probabilities above which it is another network: about one of the region's
-256 levels.
-"""
-MOST_ERROR = 2
-"""The most by which the errors of prices may grow, in %."""
 
 
 @dataclass(frozen=True)
@@ -54,40 +44,9 @@ class Comparison:
     int8_ms: float
 
     @property
-    def speed_up(self) -> float:
-        """How many times as fast int8 is."""
-        return self.fp32_ms / self.int8_ms
-
-    @property
     def added_gap(self) -> float:
         """Percentage points that int8 adds to the mean gap; 0 for prices."""
         return 100.0 * (getattr(self.int8, "gap", 0.0) - getattr(self.fp32, "gap", 0.0))
-
-    def recommendation(self, most_gap: float = MOST_GAP) -> str:
-        """What to deploy, ``recommended: int8`` or ``recommended: fp32``, and why."""
-        against = []
-        fp32 = self.fp32
-        int8 = self.int8
-        if isinstance(fp32, Fit) or isinstance(int8, Fit):
-            errors = zip(astuple(fp32), astuple(int8), strict=True)
-            growth = 100.0 * max(after / before - 1.0 for before, after in errors)
-            change = f"its errors grow by {growth:.1f} %"
-            if growth > MOST_ERROR:
-                against.append(f"{MOST_ERROR} % is allowed")
-        else:
-            change = f"the mean gap goes from {100 * fp32.gap:.3f} to {100 * int8.gap:.3f} %"
-            fewer = 100.0 * (fp32.success - int8.success)
-            if not self.added_gap <= most_gap:  # NaN where neither found a path
-                against.append(f"at most {most_gap:g} points more are allowed")
-            if fewer > MOST_FAILED:
-                lost = f"{fewer:.1f} % fewer of the queries have a path inside the region"
-                against.append(f"{lost}, and {MOST_FAILED} % is allowed")
-            if self.mean_difference > MOST_DIFFERENCE:
-                differ = f"its probabilities differ by {self.mean_difference:.4f}"
-                against.append(f"{differ}: leave nodes float (--exclude)")
-        take = "fp32" if against or self.speed_up < PAYS_FROM else "int8"
-        reasons = [int8_in_words(self.speed_up), change, *against]
-        return f"recommended: {take}. {'; '.join(reasons)}"
 
 
 @dataclass(frozen=True)
@@ -103,7 +62,6 @@ class QuantizeReport:
     fp32_bytes: int
     int8_bytes: int
     compared: Comparison
-    recommendation: str
 
     def to_json(self) -> str:
         """One line of JSON; null for what has no number."""
@@ -118,18 +76,15 @@ def quantize(
     validation: Path,
     samples: int = 200,
     exclude: Sequence[str] = (),
-    most_gap: float | None = None,
     seed: int = 1,
     card: Callable[[QuantizeReport], str] | None = None,
 ) -> QuantizeReport:
     """Make an int8 model (static, QDQ) of an fp32 file or a shipped model, and measure it against
     its source.
 
-    The `output` is written last, whatever the recommendation; beside it, in a file of its name with
-    ``.md``, what `card` makes of the report: both or none. It is calibrated on so many `samples` of
-    `dataset`, queries drawn at random, and judged on `validation`, whose maps the network was not
-    trained on. `most_gap` is the most that int8 may add to the mean gap, in percentage points, for
-    networks that answer queries.
+    The `output` is written last; beside it, in a file of its name with ``.md``, what `card` makes
+    of the report: both or none. It is calibrated on so many `samples` of `dataset`, queries drawn
+    at random, and judged on `validation`, whose maps the network was not trained on.
 
     The nodes in `exclude` stay float, and the head (the last convolution and what does not lead to
     it): it costs next to nothing, and its error would be that of the probabilities. The rest are
@@ -143,8 +98,6 @@ def quantize(
         raise ModelError(f"{fp32.path}: wanted an fp32 model, got one of {precision}")
     if output.resolve() == fp32.path.resolve():
         raise InvalidQueryError(f"{output}: wanted another file than the fp32 model")
-    if most_gap is not None and fp32.metadata.encoding == "unseen":
-        raise InvalidQueryError("--most-gap is for networks that answer queries")
     calibration, held_out, judge = _data(fp32, dataset, validation, samples, seed)
     facts = {
         "samples": len(calibration),
@@ -163,7 +116,6 @@ def quantize(
         "max_difference": compared.max_difference,
     }
     content = int8_file(made, fp32, facts)
-    allowed = MOST_GAP if most_gap is None else most_gap
     report = QuantizeReport(
         source=str(fp32.path),
         output=str(output),
@@ -172,7 +124,6 @@ def quantize(
         fp32_bytes=fp32.path.stat().st_size,
         int8_bytes=len(content),
         compared=compared,
-        recommendation=compared.recommendation(allowed),
     )
     contents = {output: content}
     if card is not None:

@@ -37,12 +37,6 @@ _TAKEN = {
     "waited_share": "the planners stood still for {:.0f} % of theirs",
 }
 """What is said of the shares of a report's halves."""
-_QUESTIONS = {
-    "{:g} FPS": ("fps", "map_fps", "inference_fps"),
-    "{:g}×": ("speedup_total", "speedup_plain"),
-    "int8 {:g}×": ("int8_speedup",),
-}
-"""Quantities that answer a question, which names their limit."""
 _BEYOND_DOUBT = 1.25
 """In a noisy or throttled run a budget counts as missed where it would be missed by this factor
 even without the time that was lost.
@@ -160,25 +154,6 @@ def wanted(line: Line) -> str:
     """A budget's limit with its unit."""
     sign = "≥" if line["direction"] == "at least" else "≤"
     return with_unit(f"{sign} {line['limit']:g}", line["unit"])
-
-
-def answers(lines: Sequence[Facts]) -> str:
-    """What a buyer asks first, by the budgets on it: whether the rate, the speed-up and int8 are
-    kept, each with its tightest figure; empty without such budgets.
-    """
-    said = []
-    for name, quantities in _QUESTIONS.items():
-        asked = [line for line in lines if line["quantity"] in quantities]
-        # of a limit of 0 there is no share
-        measured = [line for line in asked if line["value"] is not None and line["limit"] > 0.0]
-        if not measured:
-            continue
-        tightest = min(measured, key=lambda line: line["value"] / line["limit"])
-        states = {line["verdict"] for line in asked}
-        word = "no" if FAIL in states else "yes" if states == {PASS} else "cannot tell"
-        question = name.format(tightest["limit"])
-        said.append(f"{question}: {word} ({shown(tightest['value'])}).")
-    return " ".join(said)
 
 
 def _line(

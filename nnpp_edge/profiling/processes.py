@@ -2,13 +2,11 @@
 answer.
 """
 
-import os
 import pickle
 import subprocess
 import sys
 import time
 from contextlib import suppress
-from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -46,51 +44,30 @@ def peak_memory_mb(case: Case, method: str, model: str) -> float | None:
     return peak_mb or None
 
 
-def start_up(method: str, *, loop: bool = False, cold: bool = True) -> dict[str, float]:
-    """From a process's start to its first plan on a map of 256², or to the loop's first answer on
-    one of 512².
-
-    Seconds and the peak memory until then, from a full cache of kernels (``warm``) and with `cold`
-    from an empty one. The empty cache is met once, the full one three times, of which the medians
-    count. A wheel of kernels serves both.
-    """
-    name = "first_tick" if loop else "start_up"
-    code = _FIRST_TICK if loop else _PLAN_ONCE
-    given = _DRIVE
-    if not loop:
-        rng = np.random.default_rng(0)
-        cost = rng.uniform(0.0, 0.5, (256, 256)).astype(np.float32)
-        query = (5, 5), (250, 240)
-        given = pickle.dumps((Ground(cost), query, method, "edge"), 5)
-
-    answers = []
-    with TemporaryDirectory() as folder:
-        place = {"NUMBA_CACHE_DIR": folder} if cold else {}
-        for _ in range(1 + _WARM_STARTS):
-            answers.append(_first_answer(code, method, given, **place))
-    found = {}
-    by_state = {"warm": np.median(answers[1:], axis=0)}
-    if cold:
-        by_state["cold"] = np.array(answers[0])
-    for state, figures in by_state.items():
-        for unit, figure in zip(("s", "mb"), figures, strict=True):
-            found[f"{name}_{state}_{unit}"] = round(float(figure), 3)
-    return found
+def start_up_s(method: str, model: str) -> float:
+    """Seconds from a process's start to its first plan, on a map of 256²."""
+    cost = np.random.default_rng(0).uniform(0.0, 0.5, (256, 256)).astype(np.float32)
+    query = (5, 5), (250, 240)
+    return _median_s(_PLAN_ONCE, method, pickle.dumps((Ground(cost), query, method, model), 5))
 
 
-def _first_answer(code: str, method: str, given: bytes, **variables: str) -> tuple[float, float]:
+def first_tick_s(method: str) -> float:
+    """Seconds from a process's start to the loop's first answer, on a map of 512²."""
+    return _median_s(_FIRST_TICK, method, _DRIVE)
+
+
+def _median_s(code: str, method: str, given: bytes) -> float:
+    """Median of three starts after one that fills the cache of kernels."""
+    answers = [_first_answer(code, method, given) for _ in range(1 + _WARM_STARTS)]
+    return float(np.median([seconds for seconds, _ in answers[1:]]))
+
+
+def _first_answer(code: str, method: str, given: bytes) -> tuple[float, float]:
     """Seconds until a new process prints a line, and its peak memory by then in MB."""
     command = [sys.executable, "-c", code, method]
     pipe = subprocess.PIPE
-    environment = {**os.environ, **variables}
     began = time.perf_counter()
-    with subprocess.Popen(
-        command,
-        env=environment,
-        stdin=pipe,
-        stdout=pipe,
-        stderr=pipe,
-    ) as process:
+    with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe) as process:
         assert process.stdin is not None and process.stdout is not None
         with suppress(BrokenPipeError):
             process.stdin.write(given)

@@ -6,40 +6,34 @@ from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 
 from nnpp_edge import __version__
-from nnpp_edge.profiling.figures import break_even, loop_rows, results
-from nnpp_edge.profiling.judge import WholeRun, answers, judged, noise_of, summary, verdict
+from nnpp_edge.profiling.figures import loop_rows, results
+from nnpp_edge.profiling.judge import WholeRun, judged, noise_of, summary, verdict
 from nnpp_edge.profiling.machine import environment, pinned
 from nnpp_edge.profiling.measure import maps_of, rivals_of, run
-from nnpp_edge.profiling.processes import peak_memory_mb, start_up
+from nnpp_edge.profiling.processes import first_tick_s, peak_memory_mb, start_up_s
 from nnpp_edge.profiling.profile_file import LOOP, SYNTHETIC, Profile
 from nnpp_edge.profiling.quantities import STARTS
 from nnpp_edge.profiling.rivals import RivalPlanner
 from nnpp_edge.profiling.rows import Facts
 from nnpp_edge.profiling.suites import solvable
 from nnpp_edge.progress import Progress, ignore
-from nnpp_edge.runtime.options import STILL
-from nnpp_edge.terrain.workloads import body_rocks
 
 SCHEMA = 1
-_START_UP = (*STILL, LOOP)
 
 
 def profile_machine(
     profile: Profile,
     *,
-    starts: bool = False,
     notes: Sequence[str] = (),
     progress: Progress = ignore,
     say: Callable[[str], None] = ignore,
 ) -> Facts:
     """Pin, warm up, measure, judge: the report of docs/reference/figures.md, ready for JSON.
 
-    `starts` also measures new processes up to their first plan, and the loop up to its first
-    answer, from an empty cache of kernels too, which takes two minutes. Without it that is done
-    only where a budget asks for it.
-    `notes` are put before the report's own. `progress` is called with the number of queries that
-    are done, `say` with a line for people, at once. NnppEdgeError if a terrain or model file cannot
-    be used, or the terrain has too few queries with a path.
+    New processes are measured up to their first plan, and the loop up to its first answer, where a
+    budget asks for it. `notes` are put before the report's own. `progress` is called with the
+    number of queries that are done, `say` with a line for people, at once. NnppEdgeError if a
+    terrain or model file cannot be used, or the terrain has too few queries with a path.
     """
     said = list(notes)
     load = profile.load
@@ -49,7 +43,7 @@ def profile_machine(
             say(line)
         rivals = rivals_of(profile.networks, profile.device)
         measured = run(profile, rivals, cores, progress)
-        whole_run = _whole_run(profile, rivals, starts, say)
+        whole_run = _whole_run(profile, rivals, say)
     rows = results(measured.answers)
     loop = loop_rows(measured.reactions, profile.loop)
     if load.terrain != (SYNTHETIC,):
@@ -59,7 +53,6 @@ def profile_machine(
     halves = [half.facts() for half in measured.disturbance]
     noise = noise_of(halves, measured.sensors.throttling())
     lines = judged(profile, rows, whole_run, noise, loop)
-    of_points = [row for row in rows if body_rocks(row["workload"]) is None]
     ending = verdict(lines, noise)
     return {
         "schema": SCHEMA,
@@ -67,12 +60,10 @@ def profile_machine(
         "made": datetime.now(UTC).isoformat(timespec="seconds"),
         "profile": profile.facts(),
         "verdict": ending,
-        "answers": answers(lines),
         "summary": summary(ending, lines, noise.words),
         "budgets": lines,
         "results": rows,
         "loop": loop,
-        "break_even": break_even(of_points or rows),
         "disturbance": {"words": noise.words, "halves": halves},
         "sensors": measured.sensors.facts(),
         "besides": whole_run,
@@ -85,7 +76,6 @@ def profile_machine(
 def _whole_run(
     profile: Profile,
     rivals: Sequence[RivalPlanner],
-    starts: bool,
     say: Callable[[str], None],
 ) -> WholeRun:
     """Figures of the whole run, by quantity and planner."""
@@ -93,22 +83,24 @@ def _whole_run(
     load = profile.load
     case = next(solvable(maps_of(load)(load.workloads[0], max(load.sizes)), 1))
     found: WholeRun = {"model_mb": {}, "peak_memory_mb": {}}
+    methods = {rival.name: rival.method for rival in rivals}
+    models = dict.fromkeys(methods, profile.networks.int8)
     for rival in rivals:
-        model = profile.networks.int8
         if rival.model is not None:
-            model = str(rival.model.path)
+            models[rival.name] = str(rival.model.path)
             found["model_mb"][rival.name] = 1e-6 * rival.model.path.stat().st_size
-        peak = peak_memory_mb(case, rival.method, model)
+        peak = peak_memory_mb(case, rival.method, models[rival.name])
         if peak is not None:
             found["peak_memory_mb"][rival.name] = peak
 
-    asked = [budget for budget in profile.budgets if budget.quantity in STARTS]
-    cold = starts or any("cold" in budget.quantity for budget in asked)
-    for name in _START_UP:
-        if not starts and name not in {budget.planner for budget in asked}:
+    for budget in profile.budgets:
+        planner = budget.planner
+        if budget.quantity not in STARTS:
             continue
-        say(f"the start of new processes, {name}")
-        method = profile.loop.method if name == LOOP else name
-        for key, figure in start_up(method, loop=name == LOOP, cold=cold).items():
-            found.setdefault(key, {})[name] = figure
+        say(f"the start of new processes, {planner}")
+        if planner == LOOP:
+            seconds = first_tick_s(profile.loop.method)
+        else:
+            seconds = start_up_s(methods[planner], models[planner])
+        found.setdefault(budget.quantity, {})[planner] = seconds
     return found

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from nnpp_edge.profiling.rows import Facts, Rows
+from nnpp_edge.profiling.rows import Facts
 
 EVERY_S = 0.25
 """Between two readings."""
@@ -29,6 +29,10 @@ starts.
 """
 
 
+Readings = dict[str, list[float]]
+"""By sensor."""
+
+
 class Throttling(NamedTuple):
     """Whether the processor was slowed while it was measured."""
 
@@ -42,14 +46,13 @@ class Sensors:
     """The sensors below `root`: cpufreq and the thermal counter of these cores, and all thermal
     zones.
 
-    `readings` has a row for each sensor that could be read; none is `due` sooner than `EVERY_S`
-    seconds after the one before. `limits` are the greatest clock of each core, and the temperature
-    of each zone at which the kernel slows it.
+    `readings` are of each kind those of each sensor that could be read, in order; none is `due`
+    sooner than `EVERY_S` seconds after the one before. `limits` are the greatest clock of each
+    core, and the temperature of each zone at which the kernel slows it.
     """
 
     def __init__(self, cores: Sequence[int], root: Path = Path("/sys")) -> None:
-        self.readings = Rows()
-        self.count = 0
+        self.readings: dict[str, Readings] = {CLOCKS: {}, TEMPERATURES: {}, THROTTLES: {}}
         self._due_s = -math.inf
         self._cores = {str(core): root / f"devices/system/cpu/cpu{core}" for core in cores}
         self._zones: dict[str, Path] = {}
@@ -58,7 +61,8 @@ class Sensors:
             self._zones[f"{kind} {zone.name.removeprefix('thermal_zone')}"] = zone
         points = {name: list(_trips(zone)) for name, zone in self._zones.items()}
         trips = {name: min(slowing) for name, slowing in points.items() if slowing}
-        self.limits = {CLOCKS: self._clocks("cpuinfo_max_freq"), TEMPERATURES: trips}
+        clocks = _numbers(self._cores, "cpufreq/cpuinfo_max_freq", 1e-3)
+        self.limits = {CLOCKS: clocks, TEMPERATURES: trips}
 
     def due(self) -> bool:
         """Whether it is time for the next reading."""
@@ -67,31 +71,21 @@ class Sensors:
     def read(self) -> None:
         """Read all sensors; a file that cannot be read is left out."""
         self._due_s = time.perf_counter() + EVERY_S
-        self.count += 1
-        counts = _thousandths(self._cores, "thermal_throttle/core_throttle_count")
         told = {
-            CLOCKS: self._clocks("scaling_cur_freq"),
-            TEMPERATURES: _thousandths(self._zones, "temp"),
-            THROTTLES: {core: 1e3 * count for core, count in counts.items()},
+            CLOCKS: _numbers(self._cores, "cpufreq/scaling_cur_freq", 1e-3),
+            TEMPERATURES: _numbers(self._zones, "temp", 1e-3),
+            THROTTLES: _numbers(self._cores, "thermal_throttle/core_throttle_count"),
         }
         for kind, values in told.items():
             for sensor, value in values.items():
-                self.readings.append({"kind": kind, "sensor": sensor, "value": value})
+                self.readings[kind].setdefault(sensor, []).append(value)
 
     def facts(self) -> Facts:
         """Facts of the sensors, ready for JSON."""
-        found: Facts = {"readings": self.count, "throttled": self.throttling().words}
-        for kind, limit in ((CLOCKS, "limit"), (TEMPERATURES, "trip")):
-            found[kind] = {
-                sensor: {
-                    "first": values[0],
-                    "last": values[-1],
-                    "min": min(values),
-                    "max": max(values),
-                    limit: self.limits[kind].get(sensor),
-                }
-                for sensor, values in self._series(kind)
-            }
+        found: Facts = {"throttled": self.throttling().words}
+        for kind in (CLOCKS, TEMPERATURES):
+            readings = self.readings[kind].items()
+            found[kind] = {name: {"min": min(each), "max": max(each)} for name, each in readings}
         return found
 
     def throttling(self) -> Throttling:
@@ -102,33 +96,24 @@ class Sensors:
         """
         words = []
         missing = []
-        for core, values in self._series(CLOCKS):
+        for core, values in self.readings[CLOCKS].items():
             quarter = max(len(values) // 4, 1)
             first, typical, last = map(np.median, (values[:quarter], values, values[-quarter:]))
             if last < (1.0 - FALL) * first:
                 words.append(f"the clock of core {core} fell from {first:.0f} to {last:.0f} MHz")
-            missing.append(1.0 - typical / max(self.limits[CLOCKS].get(core, 0.0), *values))
-        for zone, values in self._series(TEMPERATURES):
+            missing.append(1.0 - typical / max(self.limits[CLOCKS].get(core, 1.0), *values))
+        for zone, values in self.readings[TEMPERATURES].items():
             trip = self.limits[TEMPERATURES].get(zone, math.inf)
             if met := sum(each >= trip for each in values):
                 where = f"{zone} stood at its trip point of {trip:g} °C"
                 words.append(f"{where} in {met} of {len(values)} readings")
-        slowed = round(sum(values[-1] - values[0] for _, values in self._series(THROTTLES)))
+        counts = self.readings[THROTTLES].values()
+        slowed = sum(values[-1] - values[0] for values in counts)
         if slowed > 0:
-            words.append(f"the processor slowed its cores {slowed} times")
+            words.append(f"the processor slowed its cores {slowed:.0f} times")
         # of the core that lacked most of its clock
         share = float(max(missing, default=1.0)) if words else 0.0
         return Throttling("; ".join(words), share)
-
-    def _series(self, kind: str) -> Iterator[tuple[str, list[float]]]:
-        """The readings of each sensor of a kind, in order."""
-        for sensor, rows in self.readings.of(kind=kind).by("sensor").items():
-            yield sensor, rows.all("value")
-
-    def _clocks(self, file: str) -> dict[str, float]:
-        """MHz of each core by a file of cpufreq."""
-        clocks = _thousandths(self._cores, f"cpufreq/{file}")
-        return {core: mhz for core, mhz in clocks.items() if mhz}
 
 
 def _trips(zone: Path) -> Iterator[float]:
@@ -152,7 +137,7 @@ def _number(path: Path) -> float | None:
     return None
 
 
-def _thousandths(folders: Mapping[str, Path], file: str) -> dict[str, float]:
-    """A thousandth of the number in this file of each folder, where it can be read."""
+def _numbers(folders: Mapping[str, Path], file: str, scale: float = 1.0) -> dict[str, float]:
+    """The number in this file of each folder, where it can be read, times `scale`."""
     numbers = {name: _number(folder / file) for name, folder in folders.items()}
-    return {name: 1e-3 * number for name, number in numbers.items() if number is not None}
+    return {name: scale * number for name, number in numbers.items() if number is not None}

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from nnpp_edge.profiling.compare import machine_words
 from nnpp_edge.profiling.figures import stages_of
-from nnpp_edge.profiling.inference import int8_in_words
 from nnpp_edge.profiling.judge import IN_WORDS, measured, place, wanted
 from nnpp_edge.profiling.rows import Facts
 from nnpp_edge.progress import shown, with_unit
@@ -108,7 +107,6 @@ def page(report: Facts) -> str:
         "measured": measured,
         "wanted": wanted,
         "place": place,
-        "int8_in_words": int8_in_words,
     }
     template.filters |= filters
     template.globals |= {"words": IN_WORDS, "machine": machine_words(report)}

@@ -140,7 +140,7 @@ evaluate --synthetic --sizes 999999999         | sides of 2 to 32768 cells
 evaluate --terrain hills.npz --methods astar --model nope | 'nope'
 $COST --workload body-rocks5                   | 'body-rocks5' | evaluate
 profile --profile quick --peers                | --peers
-profile --peers --start-up                     | --start-up does not go with --peers
+profile --peers --junit budgets.xml            | --junit does not go with --peers
 profile --peers --junit budgets.xml            | --junit does not go with --peers
 profile render none.json                       | none.json: wanted a report of nnpp-edge profile (no such file)
 profile render text.txt                        | text.txt: wanted a report of nnpp-edge profile

@@ -100,7 +100,7 @@ _ODD_OUTPUTS = [
     *str.split("out odd/full in/dem.npz/x.png /proc/none/x old/old.png old/old.npz old/old.json"),
 ]
 _ENDINGS = (*str.split(".tif .tiff .npy .npz .png .gif .json .jsonl .mcap .onnx .html .X"), "")
-_PATIENT = ("stay", "start_up", "ticks", "rate", "rate_hz")  # with these a command may rightly wait
+_PATIENT = ("stay", "ticks", "rate", "rate_hz")  # with these a command may rightly wait
 _LINES = (
     b'{"type":"pose","row":2,"col":2}',
     b'{"type":"goal","row":20,"col":28}',

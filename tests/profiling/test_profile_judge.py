@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from nnpp_edge.profiling.judge import Noise, answers, judged, verdict
+from nnpp_edge.profiling.judge import Noise, judged, verdict
 from nnpp_edge.profiling.profile_file import Budget, Device, Load, Profile
 from nnpp_edge.profiling.sensors import Throttling
 from tests.tables import cases
@@ -154,11 +154,3 @@ pass                    | slowed | met
 def test_the_whole_runs_verdict(states, noise, whole):
     lines = [{"verdict": state} for state in states.split(", ") if state]
     assert verdict(lines, NOISE[noise]) == whole
-
-
-def test_the_first_line_tells_the_tightest_figure_of_each_question():
-    names = ("quantity", "limit", "value", "verdict")
-    rates = ("fps", 17, 900, "pass"), ("fps", 17, 231, "pass"), ("fps", 0, 9, "pass")
-    lines = *rates, ("speedup_total", 3, 2.6, "fail")
-    told = [dict(zip(names, line, strict=True)) for line in lines]
-    assert answers(told) == "17 FPS: yes (231). 3×: no (2.6)."

@@ -5,7 +5,7 @@ from itertools import product
 
 import pytest
 
-from nnpp_edge.profiling.figures import break_even, loop_rows, results
+from nnpp_edge.profiling.figures import loop_rows, results
 from nnpp_edge.profiling.measure import queries_in, rivals_of, run
 from nnpp_edge.profiling.profile_file import Budget, Device, Load, Networks, Profile
 from nnpp_edge.profiling.rows import PLACE, Rows
@@ -98,15 +98,3 @@ def test_times_are_told_by_their_quantiles_and_a_thousandth_of_enough():
     assert row["late_per_hour"] == pytest.approx(2 / (201 / 17 / 3600))
     (row,) = loop_rows(rows, OnboardLoop())
     assert row["reaction_ms"]["p999"] == pytest.approx(1098.9, abs=0.01)
-
-
-def test_from_which_size_on_a_planner_pays():
-    times = {"astar": (1.0, 9.0, 50.0), "corridor": (2.0, 3.0, 40.0), "nnpp": (0.5, 10.0, 30.0)}
-    told = [
-        {"planner": name, "size": size, "n": 10, "time_ms": {"mean": ms}}
-        for name, of_sizes in times.items()
-        for size, ms in zip((128, 256, 512), of_sizes, strict=True)
-    ]
-    assert [line["size_from"] for line in break_even(told)] == [256, 512, 512]
-    smaller = [row for row in told if row["size"] < 512]
-    assert [line["size_from"] for line in break_even(smaller)] == [256, None, None]

@@ -6,7 +6,7 @@ import pytest
 from nnpp_edge.export.to_onnx import export_network, parity
 from nnpp_edge.model.registry import Spec
 from nnpp_edge.profiling.int8 import quantize
-from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError
+from nnpp_edge.runtime.errors import DataSetError
 from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost
 from nnpp_edge.terrain.dataset import make_dataset, read_known, read_samples
 from nnpp_edge.terrain.known import CERTAIN, known_map
@@ -48,7 +48,7 @@ def test_a_set_of_blocks_is_none_of_queries(folder):
         read_samples(folder)
 
 
-def test_a_network_from_data_set_to_int8(folder, tmp_path):
+def test_a_network_from_data_set_to_int8(nnpp_edge, folder, tmp_path):
     maps = read_known(folder)
     best = train(SMALL, TrainSettings(steps=3, batch=8), maps, maps, tmp_path, omega=0.011)
     saved = load_checkpoint(best)
@@ -61,5 +61,5 @@ def test_a_network_from_data_set_to_int8(folder, tmp_path):
     report = quantize(fp32, folder, int8, validation=folder, samples=6)
     assert sum(layer.quantised for layer in report.layers) == 10
     assert report.compared.mean_difference < 0.02
-    with pytest.raises(InvalidQueryError, match="--most-gap is for networks that answer queries"):
-        quantize(fp32, folder, int8, validation=folder, most_gap=0.1)
+    words = ("--dataset", folder, "--validation", folder, "-o", int8, "--most-gap", 0.1)
+    nnpp_edge("quantize", fp32, *words).refused("--most-gap is for networks that answer queries")

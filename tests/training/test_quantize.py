@@ -1,10 +1,9 @@
-"""The int8 model: how it is made, what is said and advised of it, and what is refused."""
+"""The int8 model: how it is made, what is said of it, and what is refused."""
 
 import dataclasses
 import re
 from collections import Counter
 from pathlib import Path
-from types import SimpleNamespace
 
 import msgspec
 import numpy as np
@@ -24,9 +23,7 @@ from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.model_file import model_path
 from nnpp_edge.terrain.dataset import make_dataset, read_samples
 from nnpp_edge.training.checkpoint import load_checkpoint
-from nnpp_edge.training.unseen import Fit
-from nnpp_edge.training.validation import Judgement, Validator
-from tests.tables import cases, keywords
+from nnpp_edge.training.validation import Validator
 from tests.training.conftest import RECIPE, SMALL, enlarged
 
 FIRST = "encoder.stem.1/Conv"
@@ -83,7 +80,6 @@ def test_an_int8_model_is_close_says_how_it_was_made_and_has_a_card(quantised, f
     assert exact.std() > 0.02 and 1e-6 < differences.mean() < 0.01
     assert compared.max_difference == differences.max()
     assert compared.added_gap == pytest.approx(100.0 * (compared.int8.gap - compared.fp32.gap))
-    assert report.recommendation == compared.recommendation()
     assert report.int8_bytes < 0.6 * report.fp32_bytes
     assert output.with_suffix(".md").read_text() == "of 8 queries\n"
 
@@ -188,7 +184,7 @@ def test_what_cannot_be_quantised_is_refused_and_nothing_written(
     assert {path.name for path in tmp_path.iterdir()} == set(files)
 
 
-def test_the_command_prints_a_table_and_a_recommendation(
+def test_the_command_prints_a_table_and_keeps_a_budget_of_the_gap(
     nnpp_edge, fp32, dataset, tmp_path, monkeypatch
 ):
     output = tmp_path / "q.onnx"
@@ -196,7 +192,7 @@ def test_the_command_prints_a_table_and_a_recommendation(
     words = (*line, "--samples", 8)
     monkeypatch.setattr(Comparison, "added_gap", 0.2)
     ended = nnpp_edge(*words, "--most-gap", 0.2, "--exclude", f"{FIRST},{SECOND}")
-    assert ended.code == 0 and "points more are allowed" not in ended.out
+    assert (ended.code, ended.err) == (0, "")
     card = output.with_suffix(".md").read_text()
     printed = " ".join(ended.out.split())
     for name, fact in (
@@ -204,38 +200,8 @@ def test_the_command_prints_a_table_and_a_recommendation(
         ("calibrated", f"on 8 queries of {dataset}"),
     ):
         assert f"{name} {fact}" in printed and f"- {name}: {fact}" in card
-    assert ended.out.splitlines()[-1] == card.splitlines()[-1]
-    assert card.splitlines()[-1].startswith(("recommended: int8. ", "recommended: fp32. "))
     for name in (FIRST, SECOND, HEAD):
         assert re.search(rf"{name} \| float \| [\d.]+ %", card), name
-    monkeypatch.setattr(Comparison, "added_gap", 0.2)
     ended = nnpp_edge(*words, "--most-gap", 0.1, "--json")
     assert (ended.code, ended.json["samples"]) == (1, 8)
-    assert "at most 0.1 points more are allowed" in ended.json["recommendation"]
-
-
-ADVICE = """
-gap=0.004               | int8 | speed: right after a plan its inference is 2.00 times as fast as fp32; the mean gap goes
-gap=0.004               | int8 | from 0.200 to 0.400 %
-int8_ms=1.6             | fp32 | size alone: right after a plan its inference is 1.25 times
-gap=0.006               | fp32 | ; at most 0.3 points more are allowed
-gap=0.004, most_gap=0.1 | fp32 | ; at most 0.1 points more are allowed
-gap=float("inf")        | fp32 | from 0.200 to inf %; at most 0.3 points
-success=0.98            | fp32 | ; 2.0 % fewer of the queries have a path inside the region
-difference=0.01         | fp32 | ; its probabilities differ by 0.0100: leave nodes float
-error=0.101             | int8 | ; its errors grow by 1.0 %
-error=0.11              | fp32 | ; its errors grow by 10.0 %; 2 % is allowed
-"""
-
-
-@pytest.mark.parametrize(("given", "take", "said"), cases(ADVICE, 3))
-def test_the_recommendation_weighs_speed_cost_and_agreement(given, take, said):
-    usual = keywords("gap=0.002, success=1.0, int8_ms=1.0, difference=0.001, most_gap=0.3")
-    asked = SimpleNamespace(**usual | keywords(given))
-    judged = [Judgement(0.5, 1.0, 0.002, 0.1, 0.1, 0.1)]
-    judged.append(dataclasses.replace(*judged, success=asked.success, gap=asked.gap))
-    if hasattr(asked, "error"):
-        judged = [Fit(0.1, 0.2, error, 0.1) for error in (0.1, asked.error)]
-    compared = Comparison(9, asked.difference, 0.1, *judged, 2.0, asked.int8_ms)
-    words = compared.recommendation(asked.most_gap)
-    assert words.startswith(f"recommended: {take}. int8 pays in ") and said in words
+    assert ended.err == "int8 adds 0.200 points to the mean gap, wanted 0.1\n"
