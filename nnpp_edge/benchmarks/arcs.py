@@ -40,8 +40,9 @@ change from the robot; a change's side.
 """
 STRIDE = 24
 """States that are driven between two plans of a drive whose cost counts."""
+COLUMNS = ("exact_ms", "first_ms", "gap", "driven", "tick_ms")
 SHOWN = ("mean", "median", "p95", "p99", "max")
-"""Of milliseconds and of shares."""
+"""Columns of the rows, and figures of each."""
 
 
 @click.command(context_settings={"show_default": True})
@@ -70,8 +71,8 @@ def main(
     exercise()  # no kernel is compiled or loaded while the clock runs
     harness = Harness()
     rng = np.random.default_rng(SEED)  # of the headings alone, so that these stay the same
-    answers = Rows()
-    ticks = Rows()
+    rows = Rows()
+    done = 0
     for ground, start, goal in islice(_queries(terrain, size, vehicle), 4 * count):
         begin, end = rng.uniform(0.0, 360.0, 2)
         options: PlanOptions = {
@@ -81,6 +82,7 @@ def main(
         exact = Planner(ground).plan(start, goal, **(options | {"method": "astar"}))
         if not exact.ok:
             continue
+        done += 1
         seconds, plan = harness.timed(partial(_first_plan, ground, start, goal, options))
         row: Row = {
             "exact_ms": exact.timings_ms["total"],
@@ -88,32 +90,31 @@ def main(
             "gap": plan.cost / exact.cost - 1.0,
             "solved": plan.ok,
         }
-        answers.append(row)
+        rows.append(row)
         if not fixed:
             moving = DynamicPlanner(ground, goal)
             moving.move(start, begin)
             _, cost = _driven(harness, moving, STRIDE)
             row["driven"] = cost / exact.cost - 1.0
             moving.move(start, begin)
-            changes = np.random.default_rng([SEED, len(answers)])
+            changes = np.random.default_rng([SEED, done])
             change = partial(_change, moving, heights_of(ground), changes)
             times, _ = _driven(harness, moving, STEP, change, TICKS)
-            ticks += times
-        if len(answers) == count:
+            rows += times
+        if done == count:
             break
-    if not answers:
+    if not done:
         raise click.ClickException("no query has a path")
     figures = {
         "size": size,
         "radius_m": radius_m,
         "forwards": forwards,
         "fixed": fixed,
-        "n": len(answers),
-        "solved": sum(row.pop("solved") for row in answers),
+        "n": done,
+        "solved": round(sum(rows.all("solved"))),
     }
-    for rows in (answers, ticks):
-        for name in rows[0] if rows else ():
-            figures |= rows.figures(" ".join(f"{name}_{how}" for how in SHOWN))
+    for name in COLUMNS:
+        figures |= rows.figures(" ".join(f"{name}_{how}" for how in SHOWN))
     click.echo(json.dumps(figures, indent=1))
 
 

@@ -10,20 +10,20 @@ to be timed in fp32 beside it.
 
 import json
 import re
-import string
 import subprocess
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, NamedTuple
+from typing import Any
 
 import click
+import jinja2
 
 from nnpp_edge.files import write_all
 from nnpp_edge.profiling.inference import fp32_and_int8_ms
 from nnpp_edge.profiling.machine import environment
-from nnpp_edge.progress import MISSING, markdown_table
+from nnpp_edge.progress import shown
 
 Results = dict[str, Any]
 """Rows by suite, and where they were measured; or one row of figures."""
@@ -70,235 +70,34 @@ _OURS = str(Path(sys.executable).with_name("nnpp-edge"))
 _MARK = re.compile(r"(<!-- results: (\w+) -->\n).*?(\n<!-- end -->)", re.DOTALL)
 
 
-class Lines(NamedTuple):
-    """Lines of a table: one for each group of a suite's rows."""
-
-    suite: str
-    cells: str
-    """Joined by " | "; {METHOD[FIGURE]:FORM} is a figure of that method's row, in milliseconds
-    (ms), in per cent (pc), or in a form of Python's. METHOD-faster is the lazy or the eager row.
-    """
-    wanted: Callable[[Results], bool] = bool
-    """Whether a group has a line."""
-
-
-TABLES: dict[str, tuple[str, tuple[Lines, ...]]] = {
-    MISSION: (
-        " | wanted | `edge`, 256² | `edge`, 512² | paper's network, 256²",
-        (
-            Lines(
-                MISSION,
-                "inferences a second, each right after a plan | 17 | "
-                "{nnpp-256[inference_fps]:,.0f} | {nnpp-512[inference_fps]:,.0f} | "
-                "{paper-256[inference_fps]:,.0f}",
-            ),
-            Lines(
-                MISSION,
-                "whole plans a second, each on a map that has just arrived | 17 | "
-                "{nnpp-256[map_fps]:,.0f} | {nnpp-512[map_fps]:,.0f} | {paper-256[map_fps]:,.0f}",
-            ),
-            Lines(
-                MISSION,
-                "times as fast as exact A\\*, ours, compiled | 3 | "
-                "{nnpp-256[speedup_total]:.1f} | {nnpp-512[speedup_total]:.1f} | "
-                "{paper-256[speedup_total]:.2f}",
-            ),
-            Lines(
-                MISSION,
-                "times as fast as an A\\* like the paper's, plain Python | 3 | "
-                "{nnpp-256[speedup_plain]:,.0f} | – | {paper-256[speedup_plain]:,.0f}",
-            ),
-            Lines(
-                MISSION,
-                "inference in int8, times as fast as in fp32 | above 1 | "
-                "{nnpp-256[int8_speedup]:.2f} | {nnpp-512[int8_speedup]:.2f} | "
-                "{paper-256[int8_speedup]:.2f}",
-            ),
-        ),
-    ),
-    "readme": (
-        " | n | exact A\\* | corridor | narrow corridor | network's region (`nnpp`)",
-        (
-            Lines(
-                READY,
-                "ready cost map, {astar[size]}² | {astar[n]} | {astar[time_ms_median]:ms} | "
-                "{corridor[time_ms_median]:ms}, {corridor[gap_mean]:pc} % | "
-                "{corridor-narrow[time_ms_median]:ms}, {corridor-narrow[gap_mean]:pc} % | "
-                "{nnpp[time_ms_median]:ms}, {nnpp[gap_mean]:pc} %",
-                lambda each: each["astar"]["workload"] == "soft" and each["astar"]["size"] != 512,
-            ),
-            Lines(
-                FRESH,
-                "elevations just arrived, {astar[size]}² | {astar[n]} | "
-                "{astar-faster[fresh_ms_median]:ms} | "
-                "{corridor-faster[fresh_ms_median]:ms}, {corridor[gap_mean]:pc} % | "
-                "{corridor-narrow-faster[fresh_ms_median]:ms}, {corridor-narrow[gap_mean]:pc} % | "
-                "{nnpp-faster[fresh_ms_median]:ms}, {nnpp[gap_mean]:pc} %",
-                lambda each: each["astar"]["size"] >= 1024,
-            ),
-            Lines(
-                BODY,
-                "a body of 1.5 × 1.2 m among rocks, {astar[size]}² | {astar[n]} | "
-                "{astar[time_ms_median]:ms} | {corridor[time_ms_median]:ms}, "
-                "{corridor[gap_mean]:pc} % | – | no network is used",
-                lambda each: each["astar"]["workload"] == "body-rocks10",
-            ),
-            Lines(
-                ARCS,
-                "the same, arcs of 2 m and more, {arcs[size]}² | {arcs[n]} | "
-                "{arcs[exact_ms_median]:ms} | {arcs[first_ms_median]:ms}, {arcs[gap_mean]:pc} % | "
-                "– | no network is used",
-                lambda each: each["arcs"]["size"] == 512 and each["arcs"]["radius_m"] == 2.0,
-            ),
-        ),
-    ),
-    READY: (
-        "workload | size | n | exact A\\*, ms | `corridor`: ms, gap | `corridor-narrow` | "
-        "`nnpp-untrained` | `nnpp` | times as fast | first region",
-        (
-            Lines(
-                READY,
-                "{astar[workload]} | {astar[size]}² | {astar[n]} | {astar[time_ms_median]:ms} | "
-                "{corridor[time_ms_median]:ms}, {corridor[gap_mean]:pc} % | "
-                "{corridor-narrow[time_ms_median]:ms}, {corridor-narrow[gap_mean]:pc} % | "
-                "{nnpp-untrained[time_ms_median]:ms}, {nnpp-untrained[gap_mean]:pc} % | "
-                "{nnpp[time_ms_median]:ms}, {nnpp[gap_mean]:pc} % | "
-                "{corridor[speedup_total]:.1f}, {corridor-narrow[speedup_total]:.1f}, "
-                "{nnpp-untrained[speedup_total]:.1f}, {nnpp[speedup_total]:.1f} | "
-                "{nnpp[success_raw]:.1%}",
-            ),
-        ),
-    ),
-    FRESH: (
-        " | n | exact A\\*: lazy / eager | corridor: lazy / eager | gap | "
-        "`nnpp`: lazy / eager | gap | control `corridor-narrow`: lazy / eager | gap",
-        (
-            Lines(
-                FRESH,
-                "{astar[size]}² | {astar[n]} | "
-                "{astar[fresh_ms_median]:ms} / {astar-eager[fresh_ms_median]:ms} | "
-                "{corridor[fresh_ms_median]:ms} / {corridor-eager[fresh_ms_median]:ms} | "
-                "{corridor[fresh_gap_mean]:pc} % | "
-                "{nnpp[fresh_ms_median]:ms} / {nnpp-eager[fresh_ms_median]:ms} | "
-                "{nnpp[fresh_gap_mean]:pc} % | {corridor-narrow[fresh_ms_median]:ms} / "
-                "{corridor-narrow-eager[fresh_ms_median]:ms} | "
-                "{corridor-narrow[fresh_gap_mean]:pc} %",
-            ),
-        ),
-    ),
-    BODY: (
-        " | n | exact A\\*, ms | corridor, ms | gap | poses checked | drawn without a path",
-        (
-            Lines(
-                BODY,
-                "{astar[workload]} {astar[size]}² | {corridor[n]} | "
-                "{astar[time_ms_median]:ms} ({astar[time_ms_p95]:ms}) | "
-                "{corridor[time_ms_median]:ms} ({corridor[time_ms_p95]:ms}) | "
-                "{corridor[gap_mean]:pc} % ({corridor[gap_p95]:pc}) | "
-                "{astar[checks_mean]:,.0f} / {corridor[checks_mean]:,.0f} | {corridor[unsolvable]}",
-            ),
-        ),
-    ),
-    ARCS: (
-        " | solved | exact, ms | first plan, ms (p95, p99) | gap | driven | tick, ms (p99, max)",
-        (
-            Lines(
-                ARCS,
-                "{arcs[size]}², R = {arcs[radius_m]:g} m{arcs[kind]} | {arcs[solved]} of {arcs[n]} "
-                "| {arcs[exact_ms_median]:ms} | {arcs[first_ms_median]:ms} "
-                "({arcs[first_ms_p95]:ms}, {arcs[first_ms_p99]:ms}) | "
-                "{arcs[gap_mean]:pc} % ({arcs[gap_p95]:pc}) | "
-                "{arcs[driven_mean]:pc} % ({arcs[driven_p95]:pc}) | "
-                "{arcs[tick_ms_median]:ms} ({arcs[tick_ms_p99]:ms}, {arcs[tick_ms_max]:ms})",
-            ),
-        ),
-    ),
-    PEERS: (
-        " | size | n | ms | times exact A\\*'s time | gap | minimises",
-        (
-            Lines(
-                PEERS,
-                "{peers[planner]} {peers[version]} | {peers[size]}² | {peers[n]} | "
-                "{peers[time_ms_median]:ms} | {peers[times_astar_median]:.2g} | "
-                "{peers[gap_mean]:pc} % | {peers[objective]}",
-            ),
-        ),
-    ),
-}
-"""By the names that stand in the pages: heads of columns, joined, and lines."""
-
-
 def filled(page: str, found: Results) -> str:
     """A page with the tables of these results, each between its marks."""
+    environment = jinja2.Environment(undefined=jinja2.StrictUndefined)
+    environment.filters |= {"f": shown, "ms": _milliseconds}
+    template = environment.from_string(Path(__file__).with_name("results.md.j2").read_text())
+    rows = {f"{row['planner']}-{row['size']}": row for row in found[MISSION]}
+    groups = {suite: _by_method(found[suite]) for suite in (READY, FRESH, BODY)}
+    tables = template.make_module({"found": found, "rows": rows, "groups": groups})
 
     def table(mark: re.Match[str]) -> str:
         begin, name, end = mark.groups()
-        what, _, suite = name.partition("_")
-        if what == "stamp":
-            return begin + _stamp(found["runs"][suite] if suite else found) + end
-        heads, parts = TABLES[name]
-        lines = [
-            _FORMATTER.vformat(part.cells, (), each).split(" | ")
-            for part in parts
-            for each in _groups(found, part.suite)
-            if part.wanted(each)
-        ]
-        return begin + markdown_table(heads.split(" | "), lines) + end
+        text: str = getattr(tables, name)()
+        return begin + text.strip() + end
 
     return _MARK.sub(table, page)
 
 
-def _stamp(found: Results) -> str:
-    machine = found["machine"]
-    flags = "AVX-512 and VNNI" if "avx512_vnni" in machine["flags"] else ", ".join(machine["flags"])
-    return (
-        f"One run of `make results`, commit {found['commit']}, {found['cores']} cores of "
-        f"{machine['cpu']} ({flags}), Python {machine['python']}."
-    )
-
-
-class _Formatter(string.Formatter):
-    """Python's formatting, and the forms ``ms`` and ``pc``; a dash for what was not measured."""
-
-    def get_field(self, name: str, *given: Any) -> Any:
-        try:
-            return super().get_field(name, *given)
-        except KeyError:
-            return None, name
-
-    def format_field(self, value: float | None, form: str) -> str:
-        if value is None:
-            return MISSING
-        if form == "ms":
-            form = ".3g" if value < 1e3 else ",.0f"
-        elif form == "pc":
-            form = ".2f"
-            value = 100.0 * value
-        return f"{value:{form}}".replace("%", " %")
-
-
-_FORMATTER = _Formatter()
-
-
-def _groups(found: Results, suite: str) -> Iterable[Results]:
-    """The rows of each workload and size by method; each row of arcs by itself."""
+def _by_method(rows: Iterable[Results]) -> list[Results]:
+    """The rows of each workload and size by method."""
     groups: dict[object, Results] = {}
-    if suite == MISSION:
-        return [{f"{row['planner']}-{row['size']}": row for row in found[suite]}]
-    if suite == PEERS:
-        return [{suite: row} for row in found[suite]]
-    for row in found[suite]:
-        if suite == ARCS:
-            kind = ", forwards alone" * row["forwards"] + ", heading at the goal" * row["fixed"]
-            groups[len(groups)] = {"arcs": row | {"kind": kind}}
-            continue
-        group = groups.setdefault((row["workload"], row["size"]), {})
-        method = row["method"]
-        group[method] = row
-        lazy = group.get(method.removesuffix("-eager"), row)
-        if row.get("fresh_ms_median", 0.0) <= lazy.get("fresh_ms_median", 0.0):
-            group[method.removesuffix("-eager") + "-faster"] = row
-    return groups.values()
+    for row in rows:
+        groups.setdefault((row["workload"], row["size"]), {})[row["method"]] = row
+    return list(groups.values())
+
+
+def _milliseconds(value: float | None) -> str:
+    """Three digits, or a whole number; a dash where it was not measured."""
+    return shown(value, ",.0f" if value and value >= 1e3 else ".3g")
 
 
 @click.command()
