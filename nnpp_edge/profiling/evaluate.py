@@ -5,14 +5,13 @@ from functools import partial
 
 from nnpp_edge.outcome import outcome
 from nnpp_edge.profiling.contest import Harness, RivalCalls, answer
-from nnpp_edge.profiling.rivals import EXACT, FindsPlans, OnMap, RivalPlanner
+from nnpp_edge.profiling.rivals import EXACT, Answers, OnMap, RivalPlanner
 from nnpp_edge.profiling.rows import Facts, Row, Rows
 from nnpp_edge.profiling.suites import Case, solvable
 from nnpp_edge.progress import Progress, ignore
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.exercises import exercise
 from nnpp_edge.runtime.kernels.poses import AXIS_COUNT
-from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.planners.plan import Plan, Source
 from nnpp_edge.runtime.robots.body.motions import all_motions
 
@@ -57,24 +56,25 @@ def evaluate(
         of_body = case.ground.vehicle is not None
         on_map = OnMap(case, rivals, lazy=of_body)
         of_case = {"unsolvable": case.unsolvable, "poses": _poses(case)}
-        calls: dict[str, Callable[[Endpoints], Plan]] = dict(on_map.calls)
-        kept: list[FindsPlans] = []
+        kept: list[Answers] = []
         for rival in rivals:
-            fresh = partial(_from_elevations, rival.apart(), case.ground, kept)
+            make = partial(rival.apart().on, case.ground)
             if fresh_map or of_body:
-                calls[_FRESH + rival.name] = partial(fresh, True)
+                fresh = partial(_from_elevations, make, kept)
+                on_map.calls[_FRESH + rival.name] = fresh
             if fresh_map:
-                calls[_FRESH + rival.name + EAGER] = partial(fresh, False)
-        for call in calls.values():  # outside the time that counts
+                eager = partial(_from_elevations, partial(make, lazy=False), kept)
+                on_map.calls[_FRESH + rival.name + EAGER] = eager
+        for call in on_map.calls.values():  # outside the time that counts
             call(case.queries[0])
         for records in harness.measure(
-            calls,
+            on_map.calls,
             case.queries,
             repeats=repeats,
             before=on_map.renew,
             after=lambda *_, kept=kept: kept.clear(),
         ):
-            rows += [row | of_case for row in _judged(on_map, records)]
+            rows += [row | of_case for row in _judged(rivals, on_map, records)]
             done += 1
             progress(done)
     return rows
@@ -122,25 +122,23 @@ def _poses(case: Case) -> int:
     return int(motions.poses_of[2 * AXIS_COUNT]) * case.cost.size
 
 
-def _from_elevations(
-    rival: RivalPlanner, ground: Ground, kept: list[FindsPlans], lazy: bool, query: Endpoints
-) -> Plan:
+def _from_elevations(make: Callable[[], Answers], kept: list[Answers], query: Endpoints) -> Plan:
     """From elevations to the plan; the planner is kept, so that it ends after the clock."""
-    planner = rival.planner(ground, lazy=lazy)
+    planner = make()
     kept.append(planner)
-    return rival.plan(planner, query)
+    return planner(query)
 
 
-def _judged(on_map: OnMap, records: Records) -> Iterator[Row]:
+def _judged(rivals: Iterable[RivalPlanner], on_map: OnMap, records: Records) -> Iterator[Row]:
     """Rows of what was measured on a query."""
     query = records[EXACT].case
     optimum = records[EXACT].results[0]
     exact_ms = 1e3 * records[EXACT].median_s
     eager = records.get(_FRESH + EXACT + EAGER)
     eager_ms = None if eager is None else 1e3 * eager.median_s
-    for name in on_map.calls:
+    for name in [rival.name for rival in rivals]:
         on_map.renew(name)
-        plan = on_map.plan(name, query, keep_regions=True)
+        plan = on_map.calls[name](query, keep_regions=True)
         own = answer(plan, 1e3 * records[name].median_s, optimum, exact_ms)
         searched: Row = {
             "widened": plan.source is Source.WIDENED,

@@ -1,13 +1,13 @@
 """Planners that are measured beside each other, under the names that reports give them."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
 from nnpp_edge.profiling.suites import Case
-from nnpp_edge.runtime.cells import Cell, Endpoints
+from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.map.ground import Ground
-from nnpp_edge.runtime.map.state import MapState, map_state
+from nnpp_edge.runtime.map.state import map_state
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.methods import Methods
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan
@@ -21,28 +21,8 @@ EXACT = "astar"
 """The rival that all others are compared with."""
 
 
-class CorridorAlone:
-    """The corridor planner on a map of its own, whose first corridor has another width.
-
-    Of the learned region's width it shows what is owed to the network, and what to narrow corridors
-    alone.
-    """
-
-    def __init__(self, state: MapState, first: CorridorWidth) -> None:
-        self._methods = Methods(state)
-        self._widths = (first, WIDENED_CORRIDOR)
-
-    def plan(self, start: Cell, goal: Cell, *, method: str, keep_regions: bool = False) -> Plan:
-        """As `Planner.plan`; there is but one method. The first plan makes what it needs."""
-        work = Work()
-        state = self._methods.state
-        checked = state.checked
-        found = self._methods.corridor(Query(start, goal), work, widths=self._widths)
-        plan = found.plan(DynamicMethod.CORRIDOR, work, state, checked, keep_regions=keep_regions)
-        return replace(plan, planner=method)
-
-
-FindsPlans = Planner | CorridorAlone
+Answers = Callable[..., Plan]
+"""A rival on one map: its plan for a query; `keep_regions` as of `Planner.plan`."""
 
 
 @dataclass(frozen=True)
@@ -58,23 +38,19 @@ class RivalPlanner:
     omega: float = PAPER_OMEGA
     corner_cutting: bool = True
 
-    def plan(self, planner: FindsPlans, query: Endpoints, *, keep_regions: bool = False) -> Plan:
-        """The answer of a planner of the rival's own."""
-        return planner.plan(*query, method=self.method, keep_regions=keep_regions)
-
-    def planner(self, ground: Ground, *, lazy: bool = True) -> FindsPlans:
+    def on(self, ground: Ground, *, lazy: bool = True) -> Answers:
         """A planner of its own for a map."""
         if self.width is not None:
-            return CorridorAlone(
-                map_state(ground, self.omega, self.corner_cutting, lazy=lazy), self.width
-            )
-        return Planner(
+            state = map_state(ground, self.omega, self.corner_cutting, lazy=lazy)
+            return partial(_in_corridor, Methods(state), self.width)
+        planner = Planner(
             ground,
             model=self.model or "edge",
             omega=self.omega,
             corner_cutting=self.corner_cutting,
             lazy=lazy,
         )
+        return partial(planned, planner, self.method)
 
     def apart(self) -> "RivalPlanner":
         """With a network that no other planner uses: what that has been shown of a map is
@@ -83,28 +59,37 @@ class RivalPlanner:
         return replace(self, model=self.model and self.model.share())
 
 
+def planned(planner: Planner, method: str, query: Endpoints, *, keep_regions: bool = False) -> Plan:
+    """The answer of a planner by a method."""
+    return planner.plan(*query, method=method, keep_regions=keep_regions)
+
+
+def _in_corridor(
+    methods: Methods, width: CorridorWidth, query: Endpoints, *, keep_regions: bool = False
+) -> Plan:
+    """The corridor's answer, whose first corridor has another width: of the learned region's width
+    it shows what is owed to the network, and what to narrow corridors alone.
+    """
+    work = Work()
+    state = methods.state
+    checked = state.checked
+    found = methods.corridor(Query(*query), work, widths=(width, WIDENED_CORRIDOR))
+    return found.plan(DynamicMethod.CORRIDOR, work, state, checked, keep_regions=keep_regions)
+
+
 class OnMap:
-    """Rivals on a map that stands, each as a function of a query."""
+    """Rivals on a map that stands: `calls` has their answers by name."""
 
     def __init__(self, case: Case, rivals: Iterable[RivalPlanner], *, lazy: bool = True) -> None:
-        self._ground = case.standing
-        self._lazy = lazy
-        self._rivals = {rival.name: rival for rival in rivals}
-        self._planners = {name: self._planner(name) for name in self._rivals}
-        self.calls = {name: partial(self.plan, name) for name in self._rivals}
-
-    def plan(self, name: str, query: Endpoints, *, keep_regions: bool = False) -> Plan:
-        """A rival's answer."""
-        rival = self._rivals[name]
-        return rival.plan(self._planners[name], query, keep_regions=keep_regions)
+        ground = case.standing
+        self._of_body = ground.vehicle is not None
+        self._makers = {rival.name: partial(rival.on, ground, lazy=lazy) for rival in rivals}
+        self.calls = {name: make() for name, make in self._makers.items()}
 
     def renew(self, name: str) -> None:
         """With a vehicle make a rival's planner anew, which then has checked no pose."""
-        if self._ground.vehicle is not None and name in self._planners:
-            self._planners[name] = self._planner(name)
-
-    def _planner(self, name: str) -> FindsPlans:
-        return self._rivals[name].planner(self._ground, lazy=self._lazy)
+        if self._of_body and name in self._makers:
+            self.calls[name] = self._makers[name]()
 
 
 def exact_and(methods: Iterable[str], models: Mapping[str, NetworkModel]) -> list[RivalPlanner]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from nnpp_edge.profiling.contest import Answer, Harness, beside, priced
 from nnpp_edge.profiling.plain_astar import build_graph, search
-from nnpp_edge.profiling.rivals import RivalPlanner
+from nnpp_edge.profiling.rivals import planned
 from nnpp_edge.profiling.rows import Row, Rows
 from nnpp_edge.reproduction.regions import (
     BAND,
@@ -28,7 +28,7 @@ from nnpp_edge.runtime.arrays import Bool, Float2D
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.kernels.threshold import lowered
 from nnpp_edge.runtime.network.encoding import Frame
-from nnpp_edge.runtime.planners.plan import Method, Plan
+from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.region.learned import RegionFinder
 from nnpp_edge.runtime.search.region import Region
@@ -156,8 +156,7 @@ class OneMap:
     def ours(self, repeats: int, harness: Harness) -> Rows:
         """The planners `OURS` in turns, `repeats` times, whose median time counts."""
         planner = Planner(self.cost, model=self.networks.ours, ask_from=0)
-        rivals = [RivalPlanner(name, Method(name)) for name in OURS]
-        calls = {rival.name: partial(rival.plan, planner) for rival in rivals}
+        calls = {name: partial(planned, planner, name) for name in OURS}
         for call in calls.values():
             call(self.query)  # the map's own work, and warm caches
         (records,) = harness.measure(calls, [self.query], repeats=repeats)

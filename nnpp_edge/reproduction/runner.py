@@ -4,7 +4,6 @@ The folder's page says what agrees with the paper.
 """
 
 import os
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from hashlib import sha256
 from pathlib import Path
@@ -15,13 +14,14 @@ from nnpp_edge import __version__
 from nnpp_edge.files import make_folder, write_all, write_whole
 from nnpp_edge.profiling.machine import environment
 from nnpp_edge.profiling.rows import Rows
-from nnpp_edge.progress import MISSING, THOUSANDTHS, bar, markdown_table
+from nnpp_edge.progress import THOUSANDTHS, bar
 from nnpp_edge.reproduction import dynamic, exact, looks, static
 from nnpp_edge.reproduction.drawing import maps
 from nnpp_edge.reproduction.experiment import BOTH, Context, Experiment
 from nnpp_edge.reproduction.findings import Finding, Verdict
 from nnpp_edge.reproduction.regions import NetworkPair
 from nnpp_edge.reproduction.table import summary
+from nnpp_edge.runtime.errors import optional_module
 from nnpp_edge.runtime.exercises import exercise
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.model_file import read_model_file
@@ -50,29 +50,7 @@ _HEADS = {
     Verdict.BETTER: "What is better than in the paper",
     Verdict.AGREES: "What agrees",
 }
-_INTRODUCTION = """# The paper's experiments, repeated
-
-NNPP (Ji et al., arXiv 2308.04792v3), its experiments on our terrain beside the paper's figures, \
-written by `nnpp-edge reproduce`. The verdicts follow from the figures by the rules beside them. \
-How the paper was read, and what is counted: `docs/reproduce.md`.
-
-Where controls meet a rule as well, the figure says nothing about the network. The *corridor* \
-has as many blocks as the network's region, so that MM is the same: those nearest to the path that \
-a search over the map averaged to blocks finds (of ours `corridor` and `corridor-dstar`). The \
-*straight band* has as many nearest to the line from start to goal. *Shuffled weights* are the \
-network's, each layer's in a random order."""
 _OF_TOTALS = "Times and CC are summed over the plans for which every method found a path."
-_SECTION = """<a id="{name}"></a>
-
-## {where}: {title}
-
-{facts}
-
-![{title}]({name}/{name}.png)
-
-{text}
-
-[Figures]({name}/{name}.csv)"""
 
 
 class Stored(msgspec.Struct):
@@ -191,36 +169,18 @@ def read_experiment(folder: Path) -> Stored | None:
 
 def _write_page(output: Path) -> None:
     """The folder's page: verdicts first, then each experiment with its table and picture."""
+    jinja2 = optional_module("jinja2", "the experiments' page", "viz")
+    template = jinja2.Environment(
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        keep_trailing_newline=True,
+    )
     found = [read_experiment(output / name) for name in EXPERIMENTS]
     stored = [each for each in found if each is not None]
-    parts = [_INTRODUCTION]
-    quick = ", ".join(each.where for each in stored if each.quick)
-    if quick:
-        parts.append(
-            f"**{quick}: smoke runs (`--quick`), far too small to conclude anything from.**"
-        )
-    counts = []
-    claims: dict[Verdict, list[tuple[str, ...]]] = {verdict: [] for verdict in _HEADS}
+    claims: dict[str, list[tuple[Stored, Finding]]] = {head: [] for head in _HEADS.values()}
     for each in stored:
-        link = f"[{each.where}](#{each.name})"
-        verdicts = Counter(finding.verdict for finding in each.findings)
-        of_each = (str(verdicts[verdict] or MISSING) for verdict in Verdict)
-        counts.append((link, each.title, *of_each))
         for finding in each.findings:
-            claims[finding.verdict].append((link, *finding.cells))
-    columns = ("", "experiment", "agrees", "better", "does not agree", "too few queries")
-    parts.append(markdown_table(columns, counts))
-    columns = ("", "claim", "paper", "ours", "rule", "controls")
-    for verdict, head in _HEADS.items():
-        if claims[verdict]:
-            parts += [f"## {head}", markdown_table(columns, claims[verdict])]
-    for each in stored:
-        section = _SECTION.format(
-            name=each.name,
-            where=each.where,
-            title=each.title,
-            facts="\n".join(f"- {fact}: {text}" for fact, text in each.made_with.items()),
-            text="\n\n".join([each.summary, *each.notes]),
-        )
-        parts.append(section)
-    write_whole(output / "README.md", "\n\n".join([*parts, ""]).encode())
+            claims[_HEADS[finding.verdict]].append((each, finding))
+    text = Path(__file__).with_name("page.md.j2").read_text()
+    page = template.from_string(text).render(stored=stored, claims=claims, verdicts=list(Verdict))
+    write_whole(output / "README.md", page.encode())

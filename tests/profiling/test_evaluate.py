@@ -103,20 +103,20 @@ def test_the_narrow_corridor_is_the_learned_regions_without_a_network():
     """
     case = next(terrain_cases(dems_of(()), "soft", 256))
     bands, untrained = controls()
-    narrow = bands.planner(Ground(case.cost))
-    other_control = untrained.planner(Ground(case.cost))
+    narrow = bands.on(Ground(case.cost))
+    other_control = untrained.on(Ground(case.cost))
     usual = Planner(case.cost)
     for start, goal in case.queries:
-        plan = narrow.plan(start, goal, method="corridor", keep_regions=True)
+        plan = narrow((start, goal), keep_regions=True)
         other = usual.plan(start, goal, method="corridor", keep_regions=True)
         assert plan.ok and plan.region.area() <= other.region.area()
         assert plan.cost >= plan.lower_bound * (1.0 - 1e-6)
-        same = untrained.plan(other_control, (start, goal))
+        same = other_control((start, goal))
         assert same.method == "nnpp" and same.cost == pytest.approx(plan.cost)
     walled = case.cost.copy()
     walled[:, 80] = np.inf
-    shut_in = bands.planner(Ground(walled))
-    assert shut_in.plan((4, 4), (4, 150), method="corridor").status == Status.NO_PATH
+    shut_in = bands.on(Ground(walled))
+    assert shut_in(((4, 4), (4, 150))).status == Status.NO_PATH
 
 
 def test_several_models_stand_beside_each_other(tiny_model):
