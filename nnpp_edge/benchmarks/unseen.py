@@ -79,8 +79,8 @@ class BlockGround:
         """The prices by what the blocks' cells turn out to be."""
         cell_m, _ = self.ground.sides_m
         limits = self.ground.limits
-        of_map = known_map(self.elevation, self.costs, cell_m, limits, self.factor)
-        maps = KnownMaps(*(np.array([each]) for each in of_map))
+        known = known_map(self.elevation, self.costs, cell_m, limits, self.factor)
+        maps = KnownMaps(*(np.array([each]) for each in known))
         return prices_of(maps.wanted[0])
 
     def driven(self, ends: Endpoints, prices: Float2D, sight: int) -> float:
@@ -128,17 +128,15 @@ def rivals(model: str) -> dict[str, Price]:
 
 
 def table(driven: Rows) -> str:
-    """Mean excess and its standard error, 90th percentile, and the paired difference to the
-    reference, in percent.
+    """Mean excess, the paired difference to the reference and its standard error, in percent.
 
     Of the drives on which no rival got stuck; and how often each did.
     """
-    heads = ("price", "mean", "s.e.", "p90", f"to {REFERENCE}", "s.e.", "ratio", "stuck")
-    form = "{} | {:.2f} | {:.2f} | {:.2f} | {:+.2f} | {:.2f} | {:.2f} | {}"
+    heads = ("price", "mean", f"to {REFERENCE}", "s.e.", "ratio", "stuck")
+    form = "{} | {:.2f} | {:+.2f} | {:.2f} | {:.2f} | {}"
     stuck = {drive for drive, rows in driven.by("drive").items() if np.inf in rows.all("excess")}
     free = Rows(row for row in driven if row["drive"] not in stuck)
     base = 100.0 * np.array(free.of(REFERENCE).all("excess"))
-    root = np.sqrt(len(base))
     lines = []
     for name, rows in driven.by("planner").items():
         found = 100.0 * np.array(free.of(name).all("excess"))
@@ -146,10 +144,8 @@ def table(driven: Rows) -> str:
         line = form.format(
             name,
             found.mean(),
-            found.std() / root,
-            np.quantile(found, 0.9),
             apart.mean(),
-            apart.std() / root,
+            apart.std() / np.sqrt(len(apart)),
             found.mean() / base.mean(),
             rows.all("excess").count(np.inf),
         )

@@ -1,8 +1,7 @@
 """The measured run of a profile: every planner, every query, in turns, in two halves."""
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -37,24 +36,6 @@ from nnpp_edge.terrain.vehicle_files import load_vehicle
 HALVES = 2
 _MOST_PLAIN = 4
 """Queries that an A* in plain Python answers in each half: a second or more each at 256²."""
-
-
-@dataclass
-class Measurements:
-    """All that was measured."""
-
-    answers: Rows
-    """Of each planner to each ``query`` of a ``workload`` and ``size``, in each ``half``: figures
-    as of `contest.answer`, ``stages_ms`` and, where they were measured, ``inference_ms`` of the
-    whole network on map and query right after a plan (and ``fp32_ms`` of the same network in fp32),
-    ``map_ms`` from elevations to the path, ``patch_ms`` of a patch on that path, and ``plain_ms``
-    of an A* in plain Python."""
-    reactions: Rows
-    """Answers of the onboard loop."""
-    disturbance: list[Disturbance]
-    """One for each half."""
-    sensors: Sensors
-    """Read between the calls."""
 
 
 def maps_of(load: Load) -> Callable[[str, int], Iterator[Case]]:
@@ -100,7 +81,7 @@ def run(
     rivals: Sequence[RivalPlanner],
     cores: Sequence[int],
     progress: Progress = ignore,
-) -> Measurements:
+) -> "Run":
     """Have every planner, exact A* first, answer every query, in both halves of the run.
 
     `cores` are those that this process is pinned to: the time that others use on them is counted.
@@ -112,14 +93,12 @@ def run(
     """
     load = profile.load
     maps = maps_of(load)
-    disturbance = [Disturbance(cores) for _ in range(HALVES)]
-    found = Measurements(Rows(), Rows(), disturbance, Sensors(cores))
-    session = _Session(profile, {rival.name: rival for rival in rivals}, Harness(), found)
+    found = Run(profile, rivals, cores)
     done = 0
     for half, workload, size in product(range(HALVES), load.workloads, load.sizes):
         first = 0
         for case in solvable(maps(workload, size), load.queries):
-            session.measure(case, half, first)
+            found.measure(case, half, first)
             first += len(case.queries)
             progress(done + first)
         done += first
@@ -131,14 +110,26 @@ def queries_in(load: Load) -> int:
     return HALVES * len(load.workloads) * len(load.sizes) * load.queries
 
 
-@dataclass
-class _Session:
+class Run:
     """Measures the planners of a profile on one map after another."""
 
-    profile: Profile
-    rivals: Mapping[str, RivalPlanner]
-    harness: Harness
-    found: Measurements
+    def __init__(
+        self, profile: Profile, rivals: Sequence[RivalPlanner], cores: Sequence[int]
+    ) -> None:
+        self._profile = profile
+        self._rivals = {rival.name: rival for rival in rivals}
+        self._harness = Harness()
+        self.answers = Rows()
+        """Of each planner to each ``query`` of a ``workload`` and ``size``, in each ``half``:
+        figures as of `contest.answer`, ``stages_ms`` and, where they were measured,
+        ``inference_ms`` of the whole network on map and query right after a plan (and ``fp32_ms``
+        of the same network in fp32), ``map_ms`` from elevations to the path, ``patch_ms`` of a
+        patch on that path, and ``plain_ms`` of an A* in plain Python."""
+        self.reactions = Rows()
+        """Answers of the onboard loop."""
+        self.disturbance = [Disturbance(cores) for _ in range(HALVES)]
+        self.sensors = Sensors(cores)
+        """Read between the calls."""
 
     def measure(self, case: Case, half: int, first: int) -> None:
         """Have all planners answer the queries on one map, of which `first` is the number of the
@@ -146,30 +137,30 @@ class _Session:
         asks for its reactions.
         """
         at = {"workload": case.workload, "size": case.size, "terrain": case.terrain, "half": half}
-        rows = self._answered(case, self.found.disturbance[half])
+        rows = self._answered(case, self.disturbance[half])
         self._arriving(case, rows)
         place = (case.workload, case.size)
-        if not first and place in self.profile.measured_at("reaction"):
-            patches = self.profile.load.patches
-            reacted = reactions(case.ground, case.queries, self.profile.loop, patches)
-            self.found.reactions += [at | row for row in reacted]
-        if place in self.profile.measured_at("plain_ratio"):
+        if not first and place in self._profile.measured_at("reaction"):
+            patches = self._profile.load.patches
+            reacted = reactions(case.ground, case.queries, self._profile.loop, patches)
+            self.reactions += [at | row for row in reacted]
+        if place in self._profile.measured_at("plain_ratio"):
             plain = case.queries[: max(_MOST_PLAIN - first, 0)]
             for query, answers in zip(plain, rows, strict=False):
-                seconds, _ = self.harness.timed(partial(_plain_astar, case, query))
+                seconds, _ = self._harness.timed(partial(_plain_astar, case, query))
                 for row in answers.values():
                     row["plain_ms"] = 1e3 * seconds
         for number, answers in enumerate(rows, first):
             for name, row in answers.items():
-                self.found.answers.append({**at, "planner": name, "query": number, **row})
+                self.answers.append({**at, "planner": name, "query": number, **row})
 
     def _answered(self, case: Case, disturbance: Disturbance) -> list[dict[str, Row]]:
         """For each query a row for each planner."""
-        sensors = self.found.sensors
-        on_map = OnMap(case, self.rivals.values())
+        sensors = self.sensors
+        on_map = OnMap(case, self._rivals.values())
         networks = {}
         if case.ground.vehicle is None:  # no network is used on a vehicle's map
-            for name, rival in self.rivals.items():
+            for name, rival in self._rivals.items():
                 if rival.method is Method.NNPP and rival.model is not None:
                     networks[name] = rival.model
         worked_s = 0.0
@@ -188,17 +179,17 @@ class _Session:
 
         for call in on_map.calls.values():
             call(case.queries[0])  # the map's own work, and warm caches
-        repeats = self.profile.load.repeats
+        repeats = self._profile.load.repeats
         found = []
         with disturbance.watched():
-            for records in self.harness.measure(
+            for records in self._harness.measure(
                 on_map.calls, case.queries, repeats=repeats, before=before, after=after
             ):
                 rows = {name: _row(record, records[EXACT]) for name, record in records.items()}
                 # networks last, so that no planner follows what others do not; each on the map that
                 # it was shown last, encoded anew, and a query
                 with disturbance.left_out():
-                    times = inference_ms(networks, self.harness)
+                    times = inference_ms(networks, self._harness)
                 for name, ms in times.items():
                     rows[name]["inference_ms"] = ms
                 if "nnpp-fp32" in times:
@@ -208,12 +199,12 @@ class _Session:
 
     def _arriving(self, case: Case, rows: list[dict[str, Row]]) -> None:
         """Times of maps and patches that have just arrived, into the rows of the queries."""
-        for name in self.rivals.keys() & self.profile.arriving:
-            own = self.rivals[name].apart()
-            arrive = partial(arrival_ms, own, case.ground, harness=self.harness)
+        for name in self._rivals.keys() & self._profile.arriving:
+            own = self._rivals[name].apart()
+            arrive = partial(arrival_ms, own, case.ground, harness=self._harness)
             arrive(case.queries[0])  # kernels loaded
             for query, answers in zip(case.queries, rows, strict=True):
-                times = [arrive(query) for _ in range(self.profile.load.repeats)]
+                times = [arrive(query) for _ in range(self._profile.load.repeats)]
                 map_ms, patch_ms = np.median(times, axis=0).tolist()
                 answers[name] |= {"map_ms": map_ms, "patch_ms": patch_ms}
 

@@ -22,15 +22,16 @@ from nnpp_edge.reproduction.findings import (
     stated,
 )
 from nnpp_edge.reproduction.paper import ASTAR, ASTAR_NN, DSTAR, DSTAR_NN, DYNAMIC, STATIC
-from nnpp_edge.reproduction.planners import PLAIN, PLAIN_CONTROLS, PLAIN_NN, OneMap
-from nnpp_edge.reproduction.regions import CORRIDOR, NetworkPair
+from nnpp_edge.reproduction.planners import PLAIN_KINDS, PLAIN_NN, WHOLE_MAP, OneMap
+from nnpp_edge.reproduction.regions import CORRIDOR, NETWORK, NetworkPair
 from nnpp_edge.reproduction.table import seconds
 from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
 from nnpp_edge.runtime.planners.plan import Plan
 
 COMPILED = ("astar", "nnpp", "dstar", "nnpp-dstar", "corridor", "corridor-dstar")
-PLAIN_ASTARS = (PLAIN, PLAIN_NN, PLAIN_CONTROLS[CORRIDOR])
-PLANNERS = (*PLAIN_ASTARS, *COMPILED)
+KINDS = (WHOLE_MAP, NETWORK, CORRIDOR)
+"""Of the regions that the plain planners search."""
+PLANNERS = (*(PLAIN_KINDS[kind] for kind in KINDS), *COMPILED)
 LEAST_DISTANCE = 0.7
 """Between start and goal, as a share of the map's side: four plans or more at 256²."""
 
@@ -75,7 +76,7 @@ def drive(episode: Episode, networks: NetworkPair, repeats: int) -> Rows:
     rows = Rows()
     plans = zip(maps_of(episode, networks), *drives, strict=True)
     for at, (here, _, *answers) in enumerate(plans):
-        of_plan = here.plain(PLAIN_ASTARS, harness)
+        of_plan = here.plain(KINDS, harness)
         for name in COMPILED:
             plan = answers[-1][name].results[0]
             time_s = np.median([records[name].median_s for records in answers])

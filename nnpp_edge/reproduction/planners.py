@@ -42,9 +42,10 @@ PLAIN_CONTROLS = {kind: f"{PLAIN}, {kind}" for kind in CONTROLS}
 """A* over a graph of a region that no network made, or one with shuffled weights; the time to make
 the region counts.
 """
-PLAIN_KINDS = {NETWORK: PLAIN_NN, **PLAIN_CONTROLS}
-"""The plain planners that search a region, by its kind."""
-PLAIN_PLANNERS = (PLAIN, *PLAIN_KINDS.values())
+WHOLE_MAP = "whole map"
+PLAIN_KINDS = {WHOLE_MAP: PLAIN, NETWORK: PLAIN_NN, **PLAIN_CONTROLS}
+"""The plain planners by the kind of region that they search."""
+PLAIN_PLANNERS = tuple(PLAIN_KINDS.values())
 OURS = ("astar", "corridor", "nnpp")
 PLANNERS = (*PLAIN_PLANNERS, *OURS)
 CONTROLS_OF = {
@@ -130,25 +131,19 @@ class OneMap:
         """Figures of compiled searches in regions, under these names by the regions' kinds."""
         rows = Rows()
         for kind, name in names.items():
-            rows.append(self.row(name, best_path(self.grid, self.query, self.regions[kind])))
+            rows.append(self.row(name, best_path(self.grid, self.query, self.regions.get(kind))))
         return rows
 
-    def untimed(self) -> Rows:
-        """The paper's method and its controls, by compiled searches."""
-        return Rows([self.row(PLAIN, self.optimum), *self.searched(PLAIN_KINDS)])
-
-    def plain(self, names: Iterable[str], harness: Harness) -> Rows:
-        """Planners of `PLAIN_PLANNERS` in turns, once each."""
-        kinds = {name: kind for kind, name in PLAIN_KINDS.items()}
-        calls = {name: partial(self._plain, kinds.get(name)) for name in names}
+    def plain(self, kinds: Iterable[str], harness: Harness) -> Rows:
+        """Planners of `PLAIN_KINDS` in turns, once each."""
+        calls = {kind: partial(self._plain, kind) for kind in kinds}
         (records,) = harness.measure(calls, [self.query])
         rows = Rows()
-        for name, record in records.items():
-            region = self.regions.get(kinds.get(name, ""))
+        for kind, record in records.items():
             path = np.array(record.results[0] or np.empty((0, 2)), np.int32)
-            row = self.row(name, priced(self.grid, path, region))
+            row = self.row(PLAIN_KINDS[kind], priced(self.grid, path, self.regions.get(kind)))
             row["time_s"] = record.median_s
-            if name == PLAIN_NN:
+            if kind == NETWORK:
                 row["inference_s"] = self._inference_s[NETWORK]
             rows.append(row)
         return rows
@@ -166,7 +161,7 @@ class OneMap:
             rows.append({**self.row(name, plan), "time_s": record.median_s})
         return rows
 
-    def _plain(self, kind: str | None, query: Endpoints) -> list[Cell] | None:
+    def _plain(self, kind: str, query: Endpoints) -> list[Cell] | None:
         """Plain A* over the map's graph, or over that of a region, which is made anew."""
-        inside = None if kind is None else self.region(kind).mask()
+        inside = None if kind == WHOLE_MAP else self.region(kind).mask()
         return search(build_graph(self.cost, inside), *query)

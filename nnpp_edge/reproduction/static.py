@@ -28,12 +28,7 @@ from nnpp_edge.reproduction.findings import (
     stated,
 )
 from nnpp_edge.reproduction.paper import ASTAR, ASTAR_NN
-from nnpp_edge.reproduction.planners import (
-    OURS,
-    PLAIN_NN,
-    PLAIN_PLANNERS,
-    OneMap,
-)
+from nnpp_edge.reproduction.planners import OURS, PLAIN_KINDS, PLAIN_NN, PLAIN_PLANNERS, OneMap
 from nnpp_edge.reproduction.table import percent
 from nnpp_edge.viz.figures import Curve, Panel, chart
 
@@ -61,10 +56,10 @@ def contest(
     for number, case in context.maps(sizes, maps or queries, least_distance):
         here = OneMap(case.cost, case.queries[0], context.networks)
         if number <= (queries or maps):
-            rows = here.plain(PLAIN_PLANNERS, harness)
+            rows = here.plain(PLAIN_KINDS, harness)
             rows += here.ours(repeats, harness)
         else:
-            rows = here.untimed()
+            rows = here.searched(PLAIN_KINDS)
         for row in rows:
             yield {"size": case.size, "map": number, **row}
         if draw:
