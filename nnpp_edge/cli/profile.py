@@ -161,9 +161,7 @@ def command(asked: ProfileOptions) -> None:
 
     With --peers a step costs its length times the mean weight of its two cells, the weight being 1
     + 5.61 T; gaps are path costs by that rule over exact A*'s, less 1. All planners then run on one
-    thread; only cost maps, which others get from us, are computed on all cores. Besides plans on a
-    standing map, one-off use (from weights to a path, nothing kept) and elevations to a path are
-    timed.
+    thread. What a planner prepares for a map is timed apart.
     """
     if (inner := click.get_current_context().invoked_subcommand) is not None:
         if any(vars(asked).values()):

@@ -141,5 +141,5 @@ def _ranges(sensors: Facts, unit: str) -> str:
     """Least and greatest readings of each sensor of a kind."""
     ranges = []
     for name, each in sensors.items():
-        ranges.append(f"{name} from {shown(each['min'])} to {shown(each['max'])} {unit}")
+        ranges.append(f"{name}: {shown(each['min'])} to {shown(each['max'])} {unit}")
     return ", ".join(ranges)

@@ -46,6 +46,19 @@ def test_budgets_have_their_reasons_below_them_and_figures_with_units(report):
     assert "| ≤ 1 s | NOT MEASURED |" in report_text(report, markdown=True)
 
 
+def test_the_machine_and_how_it_ran_are_told_as_far_as_known(report):
+    _, _, machine = report_text(report).partition("Machine\n\n")
+    for line in (
+        "processor: A board",
+        "clock meanwhile: 0: 1500 to 2400 MHz",
+        "memory: 8.0 GiB",
+        "others took: 40.0 %",
+        "peak memory: nnpp 150 MB",
+    ):
+        assert f"{line}\n" in machine
+    assert "temperature" not in machine
+
+
 def test_a_name_of_several_lines_or_with_signs_of_tables_stays_in_its_row(report):
     report["budgets"][0]["name"] = "[/b] one\ntwo | :bug:"
     assert "[/b] one two | :bug: " in report_text(report)
