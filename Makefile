@@ -81,7 +81,7 @@ $(DEV)/ready-to-bench: $(DEV)/ready
 	touch $@
 
 bench: $(DEV)/ready-to-bench
-	$(DEV)/bin/nnpp-edge profile --peers --sizes 256,512,1024,2048,4096 -o build/bench
+	$(DEV)/bin/nnpp-edge profile --peers --sizes 256,512,1024,2048 -o build/bench
 	$(DEV)/bin/nnpp-edge profile
 
 results: $(DEV)/ready

@@ -110,11 +110,8 @@ def peers_text(rows: Sequence[Facts], missing: Sequence[str], *, markdown: bool 
     """
     minimised = {f"{row['planner']} {row['version']}": row["objective"] for row in rows}
     lines = [table(rows, _PEERS, markdown=markdown), "", "minimised:", aligned(minimised, "  ")]
-    for key, words in (
-        ("note", "{planner} at {size}: {note}"),
-        ("failed", "{planner} at {size}: no path for {failed} queries"),
-    ):
-        lines += [words.format(**row) for row in rows if row[key]]
+    words = "{planner} at {size}: no path for {failed} queries"
+    lines += [words.format(**row) for row in rows if row["failed"]]
     if missing:
         lines.append(f"left out, not installed: {', '.join(missing)} ({INSTALL.format('bench')})")
     return "\n".join(lines)

@@ -13,7 +13,7 @@ from nnpp_edge.profiling.contest import Harness, RivalCalls, answer
 from nnpp_edge.profiling.inference import inference_ms
 from nnpp_edge.profiling.machine import Disturbance
 from nnpp_edge.profiling.plain_astar import build_graph, search
-from nnpp_edge.profiling.profile_file import PLANNERS, SAMPLE, Device, Load, Networks, Profile
+from nnpp_edge.profiling.profile_file import SAMPLE, Device, Load, Networks, Profile
 from nnpp_edge.profiling.rivals import EXACT, OnMap, RivalPlanner
 from nnpp_edge.profiling.rows import Row, Rows
 from nnpp_edge.profiling.sensors import Sensors
@@ -28,7 +28,7 @@ from nnpp_edge.profiling.suites import (
 from nnpp_edge.progress import Progress, ignore
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.network.inference import NetworkModel
-from nnpp_edge.runtime.options import METHODS
+from nnpp_edge.runtime.options import METHODS, STILL
 from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.vehicle_files import load_vehicle
@@ -63,13 +63,9 @@ def rivals_of(networks: Networks, device: Device) -> list[RivalPlanner]:
     """The planners of a profile, each with a network of its own: one that planners share takes the
     map over whenever the other has used it. ModelError if a model cannot be loaded.
     """
-    others = {"nnpp-fp32": networks.fp32, "paper": networks.paper}
     found = []
-    for name in PLANNERS:
-        file = others.get(name, networks.int8)
-        if file is None:
-            continue
-        method = Method.NNPP if name in others else Method(name)
+    for name, file in networks.by_planner.items():
+        method = Method(name) if name in STILL else Method.NNPP
         asks = METHODS[method].chooses or "network" in METHODS[method].needs
         model = NetworkModel(file, threads=device.threads) if asks else None
         found.append(RivalPlanner(name, method, model))

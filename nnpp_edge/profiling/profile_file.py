@@ -96,6 +96,12 @@ class Networks(Table, frozen=True):
     paper: str | None = None
     """The network of the planner ``paper``. None, of both: not measured."""
 
+    @property
+    def by_planner(self) -> dict[str, str]:
+        """The planners of a run, and the file of the network of each."""
+        files = dict.fromkeys(PLANNERS, self.int8) | {"nnpp-fp32": self.fp32, "paper": self.paper}
+        return {name: file for name, file in files.items() if file is not None}
+
 
 class Budget(Table, frozen=True):
     """One line of the table of budgets."""
@@ -157,8 +163,7 @@ class Profile(Table, frozen=True):
     @property
     def measured(self) -> tuple[str, ...]:
         """The planners of a run."""
-        networks = {"nnpp-fp32": self.networks.fp32, "paper": self.networks.paper}
-        return tuple(name for name in PLANNERS if networks.get(name, "") is not None)
+        return tuple(self.networks.by_planner)
 
     @property
     def arriving(self) -> frozenset[str]:
