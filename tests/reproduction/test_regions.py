@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from nnpp_edge.calibrate.quantize import answers
+from nnpp_edge.profiling.contest import Harness
 from nnpp_edge.profiling.rows import Rows
-from nnpp_edge.reproduction.planners import OneMap
+from nnpp_edge.reproduction.planners import WHOLE_MAP, OneMap
 from nnpp_edge.reproduction.regions import BAND, CONTROLS, CORRIDOR, NETWORK
 from nnpp_edge.runtime.terrain.step_cost import PAPER_OMEGA
 from nnpp_edge.terrain.dataset import Samples
@@ -55,7 +56,7 @@ def test_controls_are_as_large_as_the_networks_region_and_join_start_and_goal(he
 
 
 def test_the_corridor_goes_round_what_the_straight_band_runs_into(tiny_networks):
-    cost = np.full((128, 128), 0.1, np.float32)
+    cost = uniform(3, (128, 128), 0.0, 0.2)
     cost[48:80, :112] = 1.0
     here = OneMap(cost, ((10, 20), (118, 20)), tiny_networks)
     found = here.searched({CORRIDOR: CORRIDOR, BAND: BAND})
@@ -63,6 +64,8 @@ def test_the_corridor_goes_round_what_the_straight_band_runs_into(tiny_networks)
     assert found.of(BAND).all("found") == [0.0]
     assert np.isnan(found.increase(BAND))
     assert found.increase(CORRIDOR) >= 0.0
+    whole, corridor = here.plain((WHOLE_MAP, CORRIDOR), Harness()).all("gap")
+    assert corridor > 0.001 > abs(whole)
 
 
 def test_training_and_the_reproduction_say_the_same_of_the_same_queries(tiny_networks):
