@@ -51,7 +51,7 @@ def judged(nnpp_edge, terrain):
 
 def test_each_planner_has_a_row_lazily_and_eagerly(judged, tiny_model, write_toml):
     rover = write_toml("length_m = 1.0\nwidth_m = 0.8\nclearance_m = 0.3\n")
-    words = f"--workload soft,limit15,body,body-rocks5 --sizes 64,160 --queries 4 --fresh-map"
+    words = "--workload soft,limit15,body,body-rocks5 --sizes 64,160 --queries 4 --fresh-map"
     more = ("--methods", "corridor,nnpp", "--model", tiny_model, "--vehicle", rover)
     ended = judged(*words.split(), *more, "--json")
     assert ended.code == 0, ended.err
