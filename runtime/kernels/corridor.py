@@ -2,7 +2,7 @@
 
 from numpy import float32, int64, uint8
 
-from nnpp_edge.runtime.compiled.kernel import helper, kernel
+from nnpp_edge.runtime.compiled.kernel import helper, inlined, kernel
 from nnpp_edge.runtime.kernels.clock import late
 from nnpp_edge.runtime.kernels.nodes import (
     COL,
@@ -11,6 +11,7 @@ from nnpp_edge.runtime.kernels.nodes import (
     ROW,
     STAMP_SHIFT,
     neighbour,
+    prefetch,
     step_cost,
 )
 from nnpp_edge.runtime.kernels.pooling import FACTOR
@@ -42,8 +43,18 @@ def _mark(row, col, radius, marks):
             marks.bitmap[i, j] = marks.stamp
 
 
+@inlined
+def _fetch_below(row, col, finer):
+    """Fetch what the next finer search will read of the cells below one."""
+    left = FACTOR * col
+    for below in range(FACTOR * row, min(FACTOR * row + FACTOR, finer.rows)):
+        node = (below + 1) * finer.stride + left + 1
+        prefetch(finer.weights, node)
+        prefetch(finer.meta, 2 * node)
+
+
 @helper
-def _flood(grid, edges, links, start, found, limit, scratch, marks, until):
+def _flood(grid, edges, links, start, found, limit, scratch, marks, until, finer):
     """Mark the cells on paths from `start` that cost at most `limit`, and find what it costs to
     reach them.
 
@@ -92,32 +103,14 @@ def _flood(grid, edges, links, start, found, limit, scratch, marks, until):
             marked = marks.bitmap[2 * row, 2 * col] == marks.stamp
             if marked and cost >= reached[there]:
                 continue
-            _mark(row, col, 0, marks)
+            if not marked:
+                _mark(row, col, 0, marks)
+                _fetch_below(row, col, finer)
             reached[there] = cost
             if not queued[there]:
                 queued[there] = 1
                 queue[tail & mask] = there
                 tail += 1
-
-
-@helper
-def _read_ahead(path, finer):
-    """Read what the next finer search will, along a path of cells: in any order, memory answers
-    many times as fast.
-
-    Returns a number that means nothing, so that the compiler leaves the reading in.
-    """
-    seen = int64(0)
-    for n in range(len(path)):
-        top = FACTOR * path[n, ROW]
-        left = FACTOR * path[n, COL]
-        first = max(left - FACTOR // 2, 0)
-        last = min(left + FACTOR + FACTOR // 2, finer.cols) - 1
-        for row in range(top, min(top + FACTOR, finer.rows)):
-            begin = (row + 1) * finer.stride + 1
-            seen += int64(finer.weights[begin + first] > finer.weights[begin + last])
-            seen += finer.meta[2 * (begin + first)] ^ finer.meta[2 * (begin + last)]
-    return seen
 
 
 @kernel
@@ -144,17 +137,16 @@ def surround(
     start : int
         Node that the path starts from.
     found, scratch, width, marks, finer
-        `Searched`, `FloodMemory`, `Width`, `Marks`, and `FinerLevel`, which is read ahead along the
-        path.
+        `Searched`, `FloodMemory`, `Width`, `Marks`, and `FinerLevel`, which is fetched for its
+        search.
     path : (N, 2) int32
         Cells of the level.
     """
     if width.band > 0.0 and len(path) > 1:
         limit = (1.0 + width.band) * found.g[2 * start]
-        _flood(grid, edges, links, start, found, limit, scratch, marks, width.until)
+        _flood(grid, edges, links, start, found, limit, scratch, marks, width.until, finer)
     for n in range(len(path)):  # last: the flood goes by the numbers that it wrote
         _mark(path[n, ROW], path[n, COL], width.radius, marks)
-    return _read_ahead(path, finer)
 
 
 @helper

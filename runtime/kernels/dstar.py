@@ -22,6 +22,7 @@ from nnpp_edge.runtime.kernels.nodes import (
     ROW,
     ROW_STEP,
     beside_wall,
+    fetch_around,
     lowest_bit,
     neighbour,
     octile,
@@ -147,6 +148,9 @@ def _update_vertex(node, row, col, rhs, search):
     slot = int64(search.slots[uint64(node)])
     if search.g[uint64(node)] != rhs:
         if slot == ABSENT:
+            for numbers in (search.g, search.rhs):
+                fetch_around(numbers, 1, node, search.grid.stride)
+            fetch_around(search.grid.weights, 1, node, search.grid.stride)
             slot = search.size[0]
             search.size[0] = slot + 1
         _place(slot, _key(node, row, col, search), node, search)

@@ -25,6 +25,7 @@ from nnpp_edge.runtime.kernels.nodes import (
     PAUSED,
     ROW_STEP,
     beside_wall,
+    fetch_around,
     g_of,
     lowest_bit,
     neighbour,
@@ -204,6 +205,10 @@ def _relax(node, row, col, k, g_node, own, edges, task, front):
         visit(task.memory, there, reached, k)
         return stop_at(front, f * task.beyond)
     visit(task.memory, there, reached, OPEN_BIT | k)
+    fetch_around(weights, 1, there, task.grid.stride)
+    fetch_around(task.memory.meta, 2, there, task.grid.stride)
+    if len(hints.fields):
+        fetch_around(hints.fields, MOST_LANDMARKS, there, task.grid.stride)
     return wait(task.memory, front, f, there)
 
 

@@ -14,6 +14,7 @@ from nnpp_edge.runtime.kernels.nodes import (
     ROW_STEP,
     STAMP_SHIFT,
     beside_wall,
+    fetch_around,
     neighbour,
 )
 from nnpp_edge.runtime.kernels.records import (
@@ -178,6 +179,7 @@ def _walkable_threshold(levels, lookup, grid, links, query, most, heads, walk, u
                 waiting[2 * there] = heads[bucket]
                 waiting[2 * there + 1] = seen
                 heads[bucket] = there
+                fetch_around(waiting, 2, there, stride)
 
 
 @kernel
