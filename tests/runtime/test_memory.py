@@ -194,6 +194,13 @@ def test_a_map_in_a_file_is_planned_on_as_one_in_memory():
     state = plans[1].state
     assert np.shares_memory(state.heights.array, filed) and memory.is_filed(state.grid.weights)
     assert not memory.is_filed(heights)
+    # a file is read from its first row to its last; a body's poses are checked where it searches
+    assert other.costs_computed == 1.0 > one.costs_computed
+    bodies = [
+        Planner.of_elevation(each, 1.0, vehicle=BODY, warn=False) for each in (heights, filed)
+    ]
+    checks = [body.plan((5, 5), (290, 270), method="corridor").checks for body in bodies]
+    assert checks[0] == checks[1] > 0
 
 
 ROBOTS = (
