@@ -70,6 +70,19 @@ def heavy_modules(code, names):
     return ended.stdout.split()
 
 
+def test_a_process_that_ends_while_a_search_is_paused_says_nothing():
+    code = (
+        "import numpy as np\n"
+        "from nnpp_edge.runtime import DynamicPlanner\n"
+        "planner = DynamicPlanner(np.full((70, 70), 0.2, np.float32), (69, 69), 'corridor')\n"
+        "planner.move((0, 0))\n"
+        "planner.replan(time_limit_s=0.0, goes_on=True)\n"
+        "print(planner.searching)"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (ended.stdout, ended.stderr) == ("True\n", "")
+
+
 @pytest.mark.slow
 def test_the_runtime_imports_neither_torch_nor_onnx():
     code = (

@@ -7,6 +7,7 @@ the newest.
 """
 
 import math
+import sys
 import threading
 from dataclasses import replace
 from typing import NamedTuple, cast
@@ -164,7 +165,8 @@ class Searching:
         return float(self._memory.costs(slice(node, node + 1))[0])
 
     def __del__(self) -> None:
-        if self.is_here and not self._search.dead:
+        ends = sys.is_finalizing()  # the process: nothing needs to be tidied up
+        if self.is_here and not ends and not self._search.dead:
             self._search.parent = getcurrent()  # perhaps another search
             self._search.throw()
 
