@@ -74,7 +74,8 @@ def test_a_process_that_ends_while_a_search_is_paused_says_nothing():
     code = (
         "import numpy as np\n"
         "from nnpp_edge.runtime import DynamicPlanner\n"
-        "planner = DynamicPlanner(np.full((900, 900), 0.2, np.float32), (3, 890), 'astar')\n"
+        "cost = np.random.default_rng(0).random((300, 300), np.float32)\n"
+        "planner = DynamicPlanner(np.minimum(cost, np.float32(0.9)), (290, 290), 'astar')\n"
         "planner.move((0, 0))\n"
         "planner.replan(time_limit_s=0.0, goes_on=True)\n"
         "print(planner.searching)"
