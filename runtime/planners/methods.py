@@ -65,17 +65,19 @@ _REPAIRS = "repairs of the last search are the fastest where the map changes nea
 _NEW_CORRIDOR = "a new corridor is faster than repairs here"
 
 
-def pick_method(state: MapState, model: "str | Path | NetworkModel", apart: int) -> tuple[str, str]:
-    """The method that ``auto`` picks on such a map for a goal `apart` cells away, by ``nnpp``'s
+def pick_method(
+    state: MapState, model: "str | Path | NetworkModel", cells_apart: int
+) -> tuple[str, str]:
+    """The method that ``auto`` picks on such a map for a goal so many `cells_apart`, by ``nnpp``'s
     `model`, and why.
     """
     moves = state.grid.robot.moves
-    if apart < moves.near:
+    if cells_apart < moves.near:
         return "astar", _NEAR
     if moves.over not in METHODS["nnpp"].robots:
         return "corridor", "for a body as fast as exact search on small maps, faster on large ones"
     # the figures are of the network `edge`
-    if max(state.shape) >= LARGE_MAP and apart >= FAR and Path(file_of(model)).stem == "edge":
+    if max(state.shape) >= LARGE_MAP and cells_apart >= FAR and Path(file_of(model)).stem == "edge":
         return "nnpp", f"on a large map mostly the fastest from {FAR} cells on"
     return "corridor", "as fast as the learned region, closer to optimal"
 
