@@ -17,7 +17,10 @@ _SIDE = click.IntRange(64, options.LARGEST_SIDE)
 _SIGMA = options.Real(0.0, 1.0, min_open=True)
 
 
-_REGION = "gap {:.2%}, found {:.1%}, {:.1%} of the map, MM {:.3f}"
+_REGION = (
+    "  region at td × {factor:g}: gap {gap:.2%}, found {success:.1%}, {region_share:.1%} of the map, "
+    "MM {mm:.3f}"
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,10 +131,8 @@ def command(
                 f"{name.removeprefix('rmse_')} {last[name]:.4f}" for name in last if "rmse" in name
             ]
             lines.append(f"  root mean square errors: {', '.join(errors)}")
-        for factor in sorted(key.partition("@")[2] for key in last if key.startswith("gap@")):
-            names = ("gap", "success", "region_share", "mm")
-            found = _REGION.format(*(last[f"{name}@{factor}"] for name in names))
-            lines.append(f"  region at td × {factor}: {found.replace('%', ' %')}")
+        elif "gap" in last:
+            lines.append(_REGION.format_map(last).replace("%", " %"))
         if progress.warning():
             lines.append(f"  {progress.warning()}")
         return "\n".join(lines)

@@ -325,13 +325,8 @@ class TrainingRun:
         }
         if self.counted:
             row["loss"] = self.loss
-        for judged in validator.judge(self.average):
-            figures = asdict(judged)
-            at = f"@{figures.pop('factor'):g}" if "factor" in figures else ""
-            row |= {f"{name}{at}": value for name, value in figures.items()}
-            if at in ("", f"@{self.spec.region_factor:g}"):
-                row["score"] = judged.score
-        return row
+        judged = validator.judge(self.average)
+        return row | asdict(judged) | {"score": judged.score}
 
     def checkpoint(self, *, best: bool = False) -> Checkpoint:
         """All of the run; of the `best` only the running mean."""
