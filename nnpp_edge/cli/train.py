@@ -18,8 +18,8 @@ _SIGMA = options.Real(0.0, 1.0, min_open=True)
 
 
 _REGION = (
-    "  region at td × {factor:g}: gap {gap:.2%}, found {success:.1%}, {region_share:.1%} of the map, "
-    "MM {mm:.3f}"
+    "  region at td × {factor:g}: gap {gap:.2%}, found {success:.1%}, "
+    "{region_share:.1%} of the map, MM {mm:.3f}"
 )
 
 
