@@ -2,7 +2,7 @@
 
 import math
 import os
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -12,6 +12,7 @@ from nnpp_edge.cli import options
 from nnpp_edge.cli.text import tell
 from nnpp_edge.model.registry import PRESETS
 from nnpp_edge.progress import THOUSANDTHS, bar, shown
+from nnpp_edge.training.settings import TrainOptions, TrainSettings
 
 _SIDE = click.IntRange(64, options.LARGEST_SIDE)
 _SIGMA = options.Real(0.0, 1.0, min_open=True)
@@ -23,45 +24,13 @@ _REGION = (
 )
 
 
-@dataclass(frozen=True, kw_only=True)
-class Settings:
-    """Those of `TrainSettings` that have options of their names."""
-
-    epochs: int = 150
-    steps: Annotated[
-        int | None,
-        (
-            "Most steps, if the epochs do not end first; the number that a time limit led to "
-            "repeats that training."
-        ),
-    ] = None
-    batch: Annotated[int, "Queries in a step."] = 32
-    learning_rate: Annotated[float, options.POSITIVE] = 1e-3
-    weight_decay: Annotated[float, options.NOT_NEGATIVE] = 1e-4
-    target: Annotated[
-        str, click.Choice(["near", "path"]), "Labels: nearness to the optimum, or the best path."
-    ] = "near"
-    softness: Annotated[float, options.POSITIVE, "Excess at which nearness is 1/e."] = 0.02
-    validations: Annotated[int, "Over the training, for history.json and best.pt."] = 20
-    patience: Annotated[
-        int | None, "End after so many validations in a row that are no better than the best."
-    ] = None
-    precision: Annotated[
-        str,
-        click.Choice(["auto", "float32", "bfloat16"]),
-        "Of the convolutions; auto: bfloat16 on a GPU. bfloat16 is twice as fast on a CPU with "
-        "AMX.",
-    ] = "auto"
-    seed: options.Seed = 1
-
-
 @options.command("train")
 def command(
     dataset: Annotated[Path, options.FOLDER],
     /,
     validation: Annotated[Path, options.FOLDER, "Data set of other terrain."],
     output: Annotated[Path, "-o", options.FOLDER, "Folder of the run; resumed if begun."],
-    settings: Settings,
+    settings: TrainOptions,
     architecture: Annotated[str, click.Choice(list(PRESETS)), "nnpp is the paper's."] = "edge",
     input_size: Annotated[
         int | None, _SIDE, "Side of the network's map, if not the preset's."
@@ -74,6 +43,7 @@ def command(
         float | None,
         "Minutes, about: the speed of the first 200 steps decides the number of steps.",
     ] = None,
+    seed: options.Seed = 1,
     threads: Annotated[int | None, "Of torch on the CPU; by default one a core."] = None,
     as_json: options.AsJson = False,
 ) -> None:
@@ -91,7 +61,7 @@ def command(
 
     from nnpp_edge.terrain.dataset import read_known, read_recipe, read_samples
     from nnpp_edge.training.checkpoint import LAST, load_checkpoint
-    from nnpp_edge.training.train import TrainSettings, train
+    from nnpp_edge.training.train import train
 
     if threads:
         torch.set_num_threads(threads)
@@ -105,6 +75,7 @@ def command(
             replace(preset, sigma=sigma, input_size=size),
             TrainSettings(
                 **asdict(settings),
+                seed=seed,
                 time_limit_s=60.0 * (time_limit or math.inf),
             ),
             training,

@@ -18,7 +18,7 @@ from nnpp_edge.runtime.network.model_file import UNSEEN
 from nnpp_edge.terrain.dataset import Queries
 from nnpp_edge.terrain.known import CERTAIN, KnownMaps
 from nnpp_edge.terrain.labels import EXCESS_STEP
-from nnpp_edge.training.checkpoint import TrainSettings
+from nnpp_edge.training.settings import TrainSettings
 
 Batch = tuple[Tensor, Tensor, Tensor]
 """Maps and facts, as a network is called with, and targets."""

@@ -15,6 +15,7 @@ from nnpp_edge.model.network import Network
 from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.reading import problem_with_file
+from nnpp_edge.training.settings import TrainSettings
 
 BEST = "best.pt"
 LAST = "last.pt"
@@ -37,39 +38,6 @@ WORSE = 1.05
 """
 State = dict[str, Tensor]
 """A network's parameters and buffers by name."""
-
-
-@dataclass(frozen=True)
-class TrainSettings:
-    """How to train; the optimiser's defaults are the paper's. `Batches` explains `target` and
-    `softness`.
-    """
-
-    epochs: int = 150
-    batch: int = 32
-    """Queries in a step."""
-    learning_rate: float = 1e-3
-    weight_decay: float = 1e-4
-    steps: int | None = None
-    """The training ends after so many steps or after its epochs, whichever comes first."""
-    warmup_steps: int = 200
-    target: str = "near"
-    softness: float = 0.02
-    seed: int = 1
-    time_limit_s: float = math.inf
-    """About how long the training takes, over all resumed runs: its speed in the warm-up decides
-    the number of steps.
-    """
-    validations: int = 20
-    """Over the training, evenly spread, beside the one before it."""
-    patience: int | None = None
-    """The training ends after so many validations in a row that are no better than the best."""
-    average_decay: float = 0.998
-    """Of the running mean of the weights, which is what is validated and exported."""
-    precision: str = "auto"
-    """Of the convolutions: ``float32``, ``bfloat16``, or bfloat16 on a GPU and float32 on a CPU
-    (``auto``).
-    """
 
 
 @dataclass

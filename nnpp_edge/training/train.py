@@ -27,13 +27,12 @@ from nnpp_edge.training.checkpoint import (
     Checkpoint,
     Progress,
     State,
-    TrainSettings,
     load_checkpoint,
 )
+from nnpp_edge.training.settings import TrainSettings
 from nnpp_edge.training.unseen import KnownValidator
 from nnpp_edge.training.validation import Validator
 
-__all__ = ["Progress", "TrainSettings", "train"]
 _TRIM_THRESHOLD = -1
 _MMAP_MAX = -4
 """Options of glibc's mallopt."""
@@ -306,12 +305,9 @@ class TrainingRun:
 
     def validated_words(self) -> str:
         """The last validation in words, beside the best."""
-        progress = self.progress
-        best = progress.history[progress.best]
-        words = f"score {progress.history[-1]['score']:.4f}"
-        if progress.waited:
-            words += f" (best {best['score']:.4f}, step {best['step']:.0f})"
-        return words
+        history = self.progress.history
+        best = history[self.progress.best]
+        return f"score {history[-1]['score']:.4f} (best {best['score']:.4f})"
 
     def validated(self, validator: Validator | KnownValidator) -> dict[str, float]:
         """The history's row for the running mean, with the mean loss since the last one."""

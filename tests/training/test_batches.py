@@ -11,7 +11,7 @@ from nnpp_edge.model.registry import Spec
 from nnpp_edge.terrain.known import KnownMaps
 from nnpp_edge.training import train as training
 from nnpp_edge.training.batches import POSITIONS, Batches, turned
-from nnpp_edge.training.checkpoint import TrainSettings
+from nnpp_edge.training.settings import TrainSettings
 from tests.training.conftest import SMALL, enlarged
 
 PAPERS = Spec("nnpp", 128, options={"width": 2})

@@ -17,7 +17,8 @@ from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.training import train as training
 from nnpp_edge.training.batches import Batches
 from nnpp_edge.training.checkpoint import load_checkpoint
-from nnpp_edge.training.train import TrainSettings, train
+from nnpp_edge.training.settings import TrainSettings
+from nnpp_edge.training.train import train
 from nnpp_edge.training.validation import Judgement, Validator
 from tests.training.conftest import RECIPE, SMALL, VALIDATED_AFTER, enlarged
 
