@@ -163,10 +163,6 @@ class RecordingFile:
         with suppress(OSError):  # the disk is full: `record` will say so
             self._write(json.dumps(head).encode() + b"\n")
 
-    @classmethod
-    def open(cls, place: str, setup: Setup) -> "RecordingFile":
-        return cls(Path(place), setup.navigator.map.shape)
-
     def record(self, message: Input, at_s: float) -> None:
         """Write an input that came so many seconds after the begin; OSError once the disk has been
         full.
