@@ -18,6 +18,10 @@ _SIDE = click.IntRange(64, options.LARGEST_SIDE)
 _SIGMA = options.Real(0.0, 1.0, min_open=True)
 
 
+_ERRORS = (
+    "  root mean square errors: mean {rmse_mean:.4f}, blocked {rmse_blocked:.4f}, closed "
+    "{rmse_closed:.4f}, price {rmse_price:.4f}"
+)
 _REGION = (
     "  region at td × {factor:g}: gap {gap:.2%}, found {success:.1%}, "
     "{region_share:.1%} of the map, MM {mm:.3f}"
@@ -98,10 +102,7 @@ def command(
         if progress.step < (progress.steps or progress.step):
             lines.append(f"  stopped before step {progress.steps}; the same command goes on")
         if unseen:
-            errors = [
-                f"{name.removeprefix('rmse_')} {last[name]:.4f}" for name in last if "rmse" in name
-            ]
-            lines.append(f"  root mean square errors: {', '.join(errors)}")
+            lines.append(_ERRORS.format_map(last))
         elif "gap" in last:
             lines.append(_REGION.format_map(last).replace("%", " %"))
         if progress.warning():

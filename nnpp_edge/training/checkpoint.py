@@ -2,7 +2,6 @@
 
 import io
 import json
-import math
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 
@@ -65,16 +64,14 @@ class Progress:
         return len(self.history) - 1 - self.best
 
     def warning(self) -> str:
-        """A sentence where validation got worse while the loss fell; else empty."""
+        """A sentence where validation got worse; else empty."""
         best = self.history[self.best]
         last = self.history[-1]
-        fell = last.get("loss", 0.0) < best.get("loss", math.inf)
-        if self.waited < WAITED or last["score"] < WORSE * best["score"] or not fell:
+        if self.waited < WAITED or last["score"] < WORSE * best["score"]:
             return ""
         return (
             f"validation has got worse since step {best['step']:.0f} of {last['step']:.0f} (score "
-            f"{best['score']:.4f} → {last['score']:.4f}) while the training loss fell: the network "
-            "learns its training set by heart; more maps or fewer steps help"
+            f"{best['score']:.4f} → {last['score']:.4f}): more maps or fewer steps help"
         )
 
 
