@@ -194,10 +194,6 @@ profile --profile set/report.json -o set       | would replace | which is read
 profile --peers --terrain set/peers.json -o set | would replace | which is read
 simulate --map hills.npz --log hills.npz       | would replace | which is read
 simulate --map grey.png --picture grey.png     | would replace | which is read
-run --map hills.npz --log link.npz             | would replace | which is read
-run --map hills.npz --input replay:text.txt --log text.txt | would replace | which is read
-run --map hills.npz --profile set/report.json --log set/report.json | would replace | which is read
-run --map hills.npz --model text.txt --log text.txt | would replace | which is read
 """
 
 
