@@ -76,6 +76,7 @@ def command(
     from nnpp_edge.robot.operations.onboard import run
     from nnpp_edge.runtime.loop.settings import OnboardLoop
     from nnpp_edge.runtime.network.loading import begin_loading
+    from nnpp_edge.runtime.network.model_file import model_path
     from nnpp_edge.runtime.planners.plan import DynamicMethod
     from nnpp_edge.runtime.reading import changed
 
@@ -95,6 +96,7 @@ def command(
     for setting in loop:
         settings = changed(settings, **setting.values)
     settings = changed(settings, rate_hz=rate, method=method, model=model, **steps)
+    model_path(settings.model)  # refused where there is none, needed or not
     if "network" in DynamicMethod(settings.method).entry.needs:
         begin_loading(settings.model)
     ground = robot.of(robot.read(map_file), known) if known else _ground(map_file, robot)
