@@ -15,7 +15,6 @@ from nnpp_edge.progress import THOUSANDTHS, bar, shown
 from nnpp_edge.training.settings import TrainOptions, TrainSettings
 
 _SIDE = click.IntRange(64, options.LARGEST_SIDE)
-_SIGMA = options.Real(0.0, 1.0, min_open=True)
 
 
 _ERRORS = (
@@ -39,7 +38,6 @@ def command(
     input_size: Annotated[
         int | None, _SIDE, "Side of the network's map, if not the preset's."
     ] = None,
-    sigma: Annotated[float, _SIGMA, "Of the Gaussians, as a share of the map's side."] = 0.25,
     begin_with: Annotated[
         Path | None, options.PATH, "Checkpoint of another run whose weights to begin with."
     ] = None,
@@ -76,7 +74,7 @@ def command(
     training = read_known(dataset) if unseen else read_samples(dataset, size=size)
     with bar("train", THOUSANDTHS) as advance:
         best = train(
-            replace(preset, sigma=sigma, input_size=size),
+            replace(preset, input_size=size),
             TrainSettings(
                 **asdict(settings),
                 seed=seed,
@@ -105,8 +103,6 @@ def command(
             lines.append(_ERRORS.format_map(last))
         elif "gap" in last:
             lines.append(_REGION.format_map(last).replace("%", " %"))
-        if progress.warning():
-            lines.append(f"  {progress.warning()}")
         return "\n".join(lines)
 
-    tell(as_json, {"best": str(best), "history": history, "warning": progress.warning()}, text)
+    tell(as_json, {"best": str(best), "history": history}, text)

@@ -31,10 +31,6 @@ _DECIDING = (
     "precision",
 )
 """Settings that decide the weights."""
-WAITED = 3
-WORSE = 1.05
-"""Validations since the best, and times its score, from which on a training is said to get worse.
-"""
 State = dict[str, Tensor]
 """A network's parameters and buffers by name."""
 
@@ -62,17 +58,6 @@ class Progress:
     def waited(self) -> int:
         """Validations since the best."""
         return len(self.history) - 1 - self.best
-
-    def warning(self) -> str:
-        """A sentence where validation got worse; else empty."""
-        best = self.history[self.best]
-        last = self.history[-1]
-        if self.waited < WAITED or last["score"] < WORSE * best["score"]:
-            return ""
-        return (
-            f"validation has got worse since step {best['step']:.0f} of {last['step']:.0f} (score "
-            f"{best['score']:.4f} → {last['score']:.4f}): more maps or fewer steps help"
-        )
 
 
 @dataclass(frozen=True)
