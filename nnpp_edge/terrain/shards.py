@@ -150,7 +150,7 @@ def read_terrain(recipe: Recipe) -> list[Dem]:
             stripe = "" if recipe.stripe == _WHOLE else " in the stripe that is used"
             raise DataSetError(
                 f"{dem.source}: wanted at least {least} cells on the shorter side{stripe}, got "
-                f"{rows} × {cols}: take a smaller --size, or --known"
+                f"{rows} × {cols}: ask for smaller maps by --size or --known"
             )
         tiles.append(dem)
     return tiles

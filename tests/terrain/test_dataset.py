@@ -198,10 +198,6 @@ def refused_shard(folder, whole):
 
 OTHER_ARRAYS = """
 s.pop('planes')
-s.update({name: array[:0] for name, array in s.items()})
-s.update(map_index=s['map_index'] + 100)
-s.update(start=s['start'] + 1000)
-s.update(start=s['start'] * np.float32(np.nan))
 s.update(planes=s['planes'].astype(np.float64))
 s.update(planes=s['planes'][..., :16])
 s.update(goal=s['goal'][1:])
