@@ -29,7 +29,8 @@ from nnpp_edge.model import edge
 from nnpp_edge.model.edge import EdgeNet
 from nnpp_edge.model.network import Network, count_macs
 from nnpp_edge.model.registry import Spec
-from nnpp_edge.runtime.errors import DataSetError, ModelError, OutputError
+from nnpp_edge.runtime.arrays import Floats
+from nnpp_edge.runtime.errors import ModelError, OutputError
 from nnpp_edge.runtime.kernels.encoding import ENDS_CHANNELS
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.loading import OUTPUT, PLACES
@@ -46,7 +47,6 @@ from nnpp_edge.runtime.terrain.step_cost import PAPER_OMEGA
 from nnpp_edge.runtime.terrain.traversability import Traversability
 
 if TYPE_CHECKING:
-    from nnpp_edge.terrain.dataset import Query, Samples
     from nnpp_edge.terrain.shards import Recipe
 
 OPSET = 18
@@ -54,7 +54,7 @@ OPSET = 18
 file too.
 """
 COMPARED = 32
-"""Queries on which torch and onnxruntime are compared."""
+"""Random queries on which torch and onnxruntime are compared."""
 MOST_DIFFERENCE = 1e-4
 """Largest difference of two probabilities that passes; torch and onnxruntime both compute in
 float32.
@@ -76,8 +76,6 @@ class Parity:
     """Differences between the probabilities of torch and of the ONNX file."""
 
     queries: int
-    inputs: str
-    """``dataset`` or ``random``."""
     max_difference: float
     mean_difference: float
     limit: float
@@ -139,53 +137,38 @@ def export_network(
     return ExportReport(str(output), len(content), len(model.graph.node), macs)
 
 
-def parity(network: Network, onnx_path: Path, samples: "Samples | None" = None) -> Parity:
-    """Compare a network in torch with its ONNX file as the runtime runs it, over whole queries.
-
-    They are some of the `samples`, or random maps and ends without samples. How `NetworkModel` lays
-    out the map, encodes the query and reads the output is compared too.
+def parity(network: Network, onnx_path: Path) -> Parity:
+    """Compare a network in torch with its ONNX file as the runtime runs it, over whole queries:
+    random maps and ends. How `NetworkModel` lays out the map, encodes the query and reads the
+    output is compared too.
     """
     spec = network.spec
+    size = spec.input_size
     model = NetworkModel(onnx_path)
     rng = np.random.default_rng(1)
-    chosen: Sequence[int] = range(COMPARED)
-    if samples is not None:
-        side = samples.planes.shape[-1]
-        if side != spec.input_size:
-            raise DataSetError(
-                f"wanted maps of {spec.input_size} × {spec.input_size} cells, got {side}"
-            )
-        chosen = rng.choice(len(samples), min(COMPARED, len(samples)), replace=False).tolist()
     differences = []
-    for at in chosen:
+    facts: Floats = np.empty(0)
+    for _ in range(COMPARED):
         if spec.encoding == "unseen":
             maps = model.inputs["input"][0]
             maps[:] = rng.uniform(-1.0, 1.0, maps.shape)
-            facts = np.empty(0)
             answer = model.answers()
         else:
-            query = samples.query(at) if samples is not None else _random_query(spec, rng)
-            maps, *ends = query
-            facts = np.array(ends)
+            maps = rng.random((2, size, size), np.float32)
+            facts = rng.uniform(0, size - 1, (2, 2))
             model.set_map(maps)
-            answer = model.answer(*ends)
+            start, goal = facts.tolist()
+            answer = model.answer(start, goal)
         wanted = network.answers(maps[None], facts[None].astype(np.float32))[0]
         differences.append(np.abs(answer - wanted))
     most = float(np.max(differences))
     return Parity(
-        queries=len(differences),
-        inputs="random" if samples is None else "dataset",
+        queries=COMPARED,
         max_difference=most,
         mean_difference=float(np.mean(differences)),
         limit=MOST_DIFFERENCE,
         passed=most <= MOST_DIFFERENCE,
     )
-
-
-def _random_query(spec: Spec, rng: np.random.Generator) -> "Query":
-    planes = rng.random((2, spec.input_size, spec.input_size), np.float32)
-    start, goal = rng.uniform(0, spec.input_size - 1, (2, 2)).tolist()
-    return planes, start, goal
 
 
 def to_onnx(network: Network) -> onnx.ModelProto:

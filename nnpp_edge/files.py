@@ -1,12 +1,11 @@
 """Writing files whole or not at all, and never over what is read."""
 
 import errno
-import fcntl
 import os
 import stat
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import IO
 
@@ -103,23 +102,6 @@ def make_folder(path: Path) -> None:
         path.mkdir(parents=True, exist_ok=True)
         _made.extend(reversed(new))
         tempfile.TemporaryFile(dir=path).close()
-
-
-@contextmanager
-def alone_in(folder: Path) -> Iterator[None]:
-    """Within, no other process is in a folder by this; OutputError where one is. It ends with the
-    process.
-    """
-    held = os.open(folder, os.O_RDONLY)
-    try:
-        try:
-            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:  # any other: a file system without locks
-            if isinstance(error, BlockingIOError):
-                raise OutputError(f"{folder}: another process is at work there") from error
-        yield
-    finally:
-        os.close(held)
 
 
 def remove_empty_folders() -> None:

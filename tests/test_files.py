@@ -5,7 +5,7 @@ import socket
 
 import pytest
 
-from nnpp_edge.files import alone_in, check_outputs, make_folder, write_all, write_whole
+from nnpp_edge.files import check_outputs, make_folder, write_all, write_whole
 from nnpp_edge.runtime.errors import OutputError
 
 
@@ -80,11 +80,3 @@ def test_the_folder_of_an_output_is_there_or_made(tmp_path):
         check_outputs([("--plot", tmp_path / "none" / "a")], [])
     check_outputs([("--plot", tmp_path / "none" / "a")], [], make_folders=True)
     assert (tmp_path / "none").is_dir()
-
-
-def test_a_folder_is_held_by_one_at_a_time(tmp_path):
-    wanted = f"{tmp_path}: another process is at work there"
-    with alone_in(tmp_path), pytest.raises(OutputError, match=wanted), alone_in(tmp_path):
-        pass
-    with alone_in(tmp_path):
-        pass

@@ -39,9 +39,6 @@ def command(
         int, click.IntRange(2, 1000), "On a map; pairs far enough apart are queries."
     ] = 4,
     synthetic_share: Annotated[float, options.SHARE] = 0.25,
-    obstacle_share: Annotated[
-        float, options.SHARE, "Share of maps with rectangles of cost 1."
-    ] = 0.3,
     validation_share: Annotated[
         float,
         options.Real(0.0, 1.0, max_open=True),
@@ -117,7 +114,6 @@ def command(
         "blocks": size // 4,
         "points_per_map": points,
         "synthetic_share": synthetic_share,
-        "obstacle_share": obstacle_share,
         "omega": omega,
         "stripe": (1.0 - validation_share, 1.0) if held_out else (0.0, 1.0 - validation_share),
         "cell_size_m": terrain.cell_size,

@@ -14,7 +14,7 @@ import msgspec
 from nnpp_edge.cli import options
 from nnpp_edge.cli.ground_options import TerrainOptions
 from nnpp_edge.cli.text import columns, table
-from nnpp_edge.files import alone_in, make_folder, write_whole
+from nnpp_edge.files import make_folder, write_whole
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.options import Omega
 
@@ -86,7 +86,6 @@ def command(
         wanted = f"at least {SIZES[0]} cells across the stripe that --validation-share holds out"
         raise InvalidQueryError(f"{elevations}: wanted {wanted}, got {room}: {shape}")
     make_folder(output)
-    click.get_current_context().with_resource(alone_in(output))
 
     ground = ["--size", fitting[-1], "--validation-share", validation_share, "--omega", omega]
     ground += ["--own-cell-size"] if terrain.rescale is None else ["--rescale", terrain.rescale]

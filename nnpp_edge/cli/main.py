@@ -101,9 +101,6 @@ def main() -> None:
     except click.UsageError as error:
         message = error.format_message()
         command = error.ctx.command_path if error.ctx else "nnpp-edge"
-        params = error.ctx.command.params if error.ctx else []
-        if "extra argument" in message and any("--map" in each.opts for each in params):
-            message = f"{message.rstrip('.')}: a map is given by --map"
         _refuse(f"{message[0].lower()}{message[1:].rstrip('.')}; see {command} --help")
     except (NnppEdgeError, click.ClickException) as error:
         _refuse(str(error))

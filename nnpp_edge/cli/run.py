@@ -96,9 +96,7 @@ def command(
     for setting in loop:
         settings = changed(settings, **setting.values)
     settings = changed(settings, rate_hz=rate, method=method, model=model, **steps)
-    options.check_outputs(  # --record never replaces a file
-        ("--log", wiring.log), more_inputs=[model_path(settings.model)]
-    )
+    model_path(settings.model)  # refused where there is none, needed or not
     if "network" in DynamicMethod(settings.method).entry.needs:
         begin_loading(settings.model)
     ground = robot.of(robot.read(map_file), known) if known else _ground(map_file, robot)

@@ -2,7 +2,7 @@
 
 import math
 import os
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -12,44 +12,19 @@ from nnpp_edge.cli import options
 from nnpp_edge.cli.text import tell
 from nnpp_edge.model.registry import PRESETS
 from nnpp_edge.progress import THOUSANDTHS, bar, shown
+from nnpp_edge.training.settings import TrainOptions, TrainSettings
 
 _SIDE = click.IntRange(64, options.LARGEST_SIDE)
-_SIGMA = options.Real(0.0, 1.0, min_open=True)
 
 
-_REGION = "gap {:.2%}, found {:.1%}, {:.1%} of the map, MM {:.3f}"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Settings:
-    """Those of `TrainSettings` that have options of their names."""
-
-    epochs: int = 150
-    steps: Annotated[
-        int | None,
-        (
-            "Most steps, if the epochs do not end first; the number that a time limit led to "
-            "repeats that training."
-        ),
-    ] = None
-    batch: Annotated[int, "Queries in a step."] = 32
-    learning_rate: Annotated[float, options.POSITIVE] = 1e-3
-    weight_decay: Annotated[float, options.NOT_NEGATIVE] = 1e-4
-    target: Annotated[
-        str, click.Choice(["near", "path"]), "Labels: nearness to the optimum, or the best path."
-    ] = "near"
-    softness: Annotated[float, options.POSITIVE, "Excess at which nearness is 1/e."] = 0.02
-    validations: Annotated[int, "Over the training, for history.json and best.pt."] = 20
-    patience: Annotated[
-        int | None, "End after so many validations in a row that are no better than the best."
-    ] = None
-    precision: Annotated[
-        str,
-        click.Choice(["auto", "float32", "bfloat16"]),
-        "Of the convolutions; auto: bfloat16 on a GPU. bfloat16 is twice as fast on a CPU with "
-        "AMX.",
-    ] = "auto"
-    seed: options.Seed = 1
+_ERRORS = (
+    "  root mean square errors: mean {rmse_mean:.4f}, blocked {rmse_blocked:.4f}, closed "
+    "{rmse_closed:.4f}, price {rmse_price:.4f}"
+)
+_REGION = (
+    "  region at td × {factor:g}: gap {gap:.2%}, found {success:.1%}, "
+    "{region_share:.1%} of the map, MM {mm:.3f}"
+)
 
 
 @options.command("train")
@@ -58,12 +33,11 @@ def command(
     /,
     validation: Annotated[Path, options.FOLDER, "Data set of other terrain."],
     output: Annotated[Path, "-o", options.FOLDER, "Folder of the run; resumed if begun."],
-    settings: Settings,
+    settings: TrainOptions,
     architecture: Annotated[str, click.Choice(list(PRESETS)), "nnpp is the paper's."] = "edge",
     input_size: Annotated[
         int | None, _SIDE, "Side of the network's map, if not the preset's."
     ] = None,
-    sigma: Annotated[float, _SIGMA, "Of the Gaussians, as a share of the map's side."] = 0.25,
     begin_with: Annotated[
         Path | None, options.PATH, "Checkpoint of another run whose weights to begin with."
     ] = None,
@@ -71,6 +45,7 @@ def command(
         float | None,
         "Minutes, about: the speed of the first 200 steps decides the number of steps.",
     ] = None,
+    seed: options.Seed = 1,
     threads: Annotated[int | None, "Of torch on the CPU; by default one a core."] = None,
     as_json: options.AsJson = False,
 ) -> None:
@@ -88,7 +63,7 @@ def command(
 
     from nnpp_edge.terrain.dataset import read_known, read_recipe, read_samples
     from nnpp_edge.training.checkpoint import LAST, load_checkpoint
-    from nnpp_edge.training.train import TrainSettings, train
+    from nnpp_edge.training.train import train
 
     if threads:
         torch.set_num_threads(threads)
@@ -97,11 +72,12 @@ def command(
     unseen = preset.encoding == "unseen"
     judged_on = read_known(validation) if unseen else read_samples(validation)
     training = read_known(dataset) if unseen else read_samples(dataset, size=size)
-    with bar("train", THOUSANDTHS, quiet=True) as advance:
+    with bar("train", THOUSANDTHS) as advance:
         best = train(
-            replace(preset, sigma=sigma, input_size=size),
+            replace(preset, input_size=size),
             TrainSettings(
                 **asdict(settings),
+                seed=seed,
                 time_limit_s=60.0 * (time_limit or math.inf),
             ),
             training,
@@ -124,16 +100,9 @@ def command(
         if progress.step < (progress.steps or progress.step):
             lines.append(f"  stopped before step {progress.steps}; the same command goes on")
         if unseen:
-            errors = [
-                f"{name.removeprefix('rmse_')} {last[name]:.4f}" for name in last if "rmse" in name
-            ]
-            lines.append(f"  root mean square errors: {', '.join(errors)}")
-        for factor in sorted(key.partition("@")[2] for key in last if key.startswith("gap@")):
-            names = ("gap", "success", "region_share", "mm")
-            found = _REGION.format(*(last[f"{name}@{factor}"] for name in names))
-            lines.append(f"  region at td × {factor}: {found.replace('%', ' %')}")
-        if progress.warning():
-            lines.append(f"  {progress.warning()}")
+            lines.append(_ERRORS.format_map(last))
+        elif "gap" in last:
+            lines.append(_REGION.format_map(last).replace("%", " %"))
         return "\n".join(lines)
 
-    tell(as_json, {"best": str(best), "history": history, "warning": progress.warning()}, text)
+    tell(as_json, {"best": str(best), "history": history}, text)

@@ -4,7 +4,8 @@ same blocks.
 
 from torch import Tensor, nn
 
-from nnpp_edge.model.nnpp import ConvBNReLU, doubled, initialise
+from nnpp_edge.model.edge import Up
+from nnpp_edge.model.nnpp import ConvBNReLU, initialise
 from nnpp_edge.runtime.network.model_file import UNSEEN
 from nnpp_edge.runtime.network.unseen import ANSWERS
 
@@ -20,10 +21,8 @@ class UnseenNet(nn.Module):
         self.stem = nn.Sequential(ConvBNReLU(len(UNSEEN), full), ConvBNReLU(full, full))
         self.down = nn.Sequential(ConvBNReLU(full, half, stride=2), ConvBNReLU(half, half))
         self.deep = nn.Sequential(ConvBNReLU(half, quarter, stride=2), ConvBNReLU(quarter, quarter))
-        self.match_half = ConvBNReLU(quarter, half, 1)
-        self.merge_half = ConvBNReLU(half, half)
-        self.match_full = ConvBNReLU(half, full, 1)
-        self.merge_full = ConvBNReLU(full, full)
+        self.up_half = Up(quarter, half)
+        self.up_full = Up(half, full)
         self.answer = nn.Conv2d(full, ANSWERS, 1)
         initialise(self, self.answer)
 
@@ -31,7 +30,6 @@ class UnseenNet(nn.Module):
         """Logits (N, 3, H, W) of the answers for planes (N, 12, H, W) from `encode_unseen`."""
         full = self.stem(planes)
         half = self.down(full)
-        deep = self.match_half(self.deep(half))
-        half = self.match_full(self.merge_half(half + doubled(deep)))
-        logits: Tensor = self.answer(self.merge_full(full + doubled(half)))
+        half_again = self.up_half(self.deep(half), half)
+        logits: Tensor = self.answer(self.up_full(half_again, full))
         return logits

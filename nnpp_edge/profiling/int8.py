@@ -154,7 +154,7 @@ def _data(
     return (
         pool.pick(order[:samples]),
         validator.shown,
-        lambda answers: validator.judge_answers(answers, (m.region_factor,))[0],
+        lambda answers: validator.judge_answers(answers, m.region_factor),
     )
 
 

@@ -59,8 +59,8 @@ _FARTHEST = 1e12
 """Cells from a frame's origin at which places within a cell still differ in 64 bits."""
 _SAME = 1e-3
 """Share of a cell's side by which two maps' cells may differ."""
-_LEVEL = (1e-3, 1e-3, 1e-3, 1.001)
-"""Parts of a quaternion, of either sign, up to which a map counts as not turned."""
+_LEVEL = 1e-3
+"""Length of a quaternion's x, y and z up to which a map counts as not turned."""
 T = TypeVar("T")
 _Whole = Annotated[int, msgspec.Meta(ge=0, lt=2**32)]
 _Data = Any
@@ -88,7 +88,7 @@ class _Pose(msgspec.Struct):
     def corner(self) -> tuple[float, float]:
         """x and y; InvalidMapError where the map is turned."""
         turned = msgspec.structs.astuple(self.orientation)
-        if not all(abs(part) <= most for part, most in zip(turned, _LEVEL, strict=True)):
+        if not math.hypot(*turned[:3]) <= _LEVEL:
             raise InvalidMapError(
                 f"wanted a map that is not turned, got one with the orientation x, y, z, w {turned}"
             )
@@ -165,7 +165,7 @@ def _read(message: object, kind: type[T]) -> T:
     """A ROS message, or nested dicts, as one of these records; InvalidMapError for another."""
     try:
         return msgspec.convert(message, kind, from_attributes=True)
-    except msgspec.ValidationError as error:
+    except (msgspec.ValidationError, IndexError) as error:  # of a bare array
         raise InvalidMapError(f"wanted another message of ROS: {error}") from None
 
 
@@ -469,14 +469,18 @@ def _check_frame(frame_id: str, target: MapFrame) -> None:
         )
 
 
-def path_poses(path: Cells, frame: MapFrame) -> Floats:
-    """The poses (N, 3) of a path's cells (N, 2), as nav_msgs/Path wants them: x, y and heading.
+def path_poses(path: Cells | Floats, frame: MapFrame) -> Floats:
+    """The poses (N, 3) of a path's cells or way points (N, 2), as nav_msgs/Path wants them: x, y
+    and heading.
 
-    x and y are those of the cells' middles in metres; the heading is in radians, counted from x
-    towards y: to the next cell, and at the end as it was before. Its quaternion has z =
-    sin(heading / 2) and w = cos(heading / 2).
+    x and y are those of cells' middles or of places (see `MapFrame.metres`), in metres; the heading
+    is in radians, counted from x towards y: to the next one, and at the end as it was before. Its
+    quaternion has z = sin(heading / 2) and w = cos(heading / 2).
     """
-    return _along(np.asarray(path, np.int32).reshape(-1, 2), frame)
+    yaws = np.zeros(len(path))
+    if len(path) > 1:
+        yaws = frame.yaw_rad(headings_along(path))
+    return np.column_stack([frame.metres(path), yaws])
 
 
 def arc_poses(answer: PathMessage | Plan, frame: MapFrame) -> Floats:
@@ -488,10 +492,8 @@ def arc_poses(answer: PathMessage | Plan, frame: MapFrame) -> Floats:
     last pose has the gear in which it is come to. Empty (0, 4) without a path.
     """
     if not answer.arcs:
-        if answer.waypoints is None:
-            poses = path_poses(answer.path, frame)
-        else:
-            poses = _along(answer.waypoints + 0.5, frame)
+        line = answer.path if answer.waypoints is None else answer.waypoints + 0.5
+        poses = path_poses(line, frame)
         return np.column_stack([poses, np.ones(len(poses))])
     first = answer.arcs[0]
     found = [(*first.start_pose, first.gear)]
@@ -501,16 +503,6 @@ def arc_poses(answer: PathMessage | Plan, frame: MapFrame) -> Floats:
     # metres from the middle of cell (0, 0)
     places = np.column_stack((down, across)) / frame.resolution + 0.5
     return np.column_stack([frame.metres(places), frame.yaw_rad(headings), gears])
-
-
-def _along(places: Cells | Floats, frame: MapFrame) -> Floats:
-    """(N, 3) points of cells or places (N, 2), each with the yaw to the next, the last as it is
-    come to.
-    """
-    yaws = np.zeros(len(places))
-    if len(places) > 1:
-        yaws = frame.yaw_rad(headings_along(places))
-    return np.column_stack([frame.metres(places), yaws])
 
 
 def _cells(length: float, side: float) -> int:

@@ -182,17 +182,13 @@ def _lengths(system: "CRS", place: Place, share: float) -> Points:
     transform = _transformer(system.to_wkt(), globe.to_wkt()).transform
     shares = np.array(list(product((0.0, 0.5, 1.0), repeat=2)))
     middles = shares * (np.array(place.shape) - 1)
-    # down, right and both diagonals
+    # half a step down, right and along both diagonals, back and forth
     steps = np.array([(1, 0), (0, 1), (1, 1), (1, -1)])
-    steps = 0.5 * share * steps[:, None]
-    ends = []
-    for points in (middles - steps, middles + steps):
-        x, y = place.map_coordinates(points[..., 0], points[..., 1])
-        lon, lat = transform(x, y)
-        known = np.abs(lat * radians) <= 0.5 * math.pi
-        ends += [np.where(known, angles * radians, math.nan) for angles in (lon, lat)]
-    lon, lat, far_lon, far_lat = ends
-    metres = geod.inv(lon, lat, far_lon, far_lat, radians=True)[2]
+    halves = 0.5 * share * np.stack((-steps, steps))[:, :, None]
+    x, y = place.map_coordinates(*np.moveaxis(middles + halves, -1, 0))
+    lon, lat = radians * np.array(transform(x, y))
+    lat[np.abs(lat) > 0.5 * math.pi] = math.nan
+    metres = geod.inv(lon[0], lat[0], lon[1], lat[1], radians=True)[2]
     return np.asarray(metres) / share
 
 

@@ -3,7 +3,6 @@
 import multiprocessing
 import os
 import signal
-import warnings
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -15,14 +14,14 @@ from typing import TypeVar
 import msgspec
 import numpy as np
 
-from nnpp_edge.files import make_folder, write_whole
+from nnpp_edge.files import make_folder, write_all
 from nnpp_edge.progress import Progress, ignore
 from nnpp_edge.runtime.arrays import Array, Float32s, Int32, UInt8, in_blocks
 from nnpp_edge.runtime.errors import DataSetError
 from nnpp_edge.runtime.network.unseen import ANSWERS
 from nnpp_edge.runtime.reading import refused_as
 from nnpp_edge.terrain.known import KnownMaps
-from nnpp_edge.terrain.shards import Recipe, Tiles, poolings, read_terrain, shard_content
+from nnpp_edge.terrain.shards import Recipe, Tiles, read_terrain, shard_content
 
 FORMAT = "nnpp-edge-dataset-1"
 RECIPE_FILE = "dataset.json"
@@ -67,7 +66,7 @@ class Samples:
 
     def averaged(self, size: int) -> "Samples":
         """Average the maps to `size` cells a side, a whole part of theirs; else DataSetError."""
-        count, planes, side, _ = self.planes.shape
+        side = self.planes.shape[-1]
         if side % size:
             raise DataSetError(
                 f"wanted maps of {size} cells a side or a multiple of that, got {side}"
@@ -75,14 +74,11 @@ class Samples:
         factor = side // size
         if factor == 1:
             return self
-        small = np.empty((count, planes, size, size), np.uint8)
-        for at, cells in enumerate(self.planes):  # one by one: all as float32 would fill the memory
-            blocks = in_blocks(cells.astype(np.float32), factor)
-            small[at] = np.rint(blocks.mean(axis=(2, 4)))
+        means = in_blocks(self.planes, factor).mean(axis=(3, 5), dtype=np.float32)
         half = np.float32(0.5)
         start = (self.start + half) / factor - half
         goal = (self.goal + half) / factor - half
-        return replace(self, planes=small, start=start, goal=goal)
+        return replace(self, planes=np.rint(means).astype(np.uint8), start=start, goal=goal)
 
     def pick(self, queries: Array | range) -> "Samples":
         """Some of the queries, by a mask or by their numbers; the maps stay."""
@@ -112,28 +108,23 @@ def make_dataset(
     """
     missing = [i for i in range(recipe.shards) if not _shard_path(folder, i).exists()]
     tiles = read_terrain(recipe) if missing else []
-    fitting = poolings(recipe, tiles)
-    names = [f"{recipe.size * each[0]}²" for each in recipe.poolings if each not in fitting]
-    if names:
-        warnings.warn(
-            f"the terrain has no room for maps of {' and '.join(names)} cells: they are left out",
-            stacklevel=2,
-        )
     make_folder(folder)
-    _claim(recipe, folder)
+    path = folder / RECIPE_FILE
+    begun = path.exists() and any(folder.glob("shard-*.npz"))
+    if begun and read_recipe(folder) != recipe:
+        raise DataSetError(
+            f"{folder}: holds a data set made by another recipe; give another folder"
+        )
+    stored = {"format": FORMAT, **msgspec.structs.asdict(recipe)}
+    recipe_json = msgspec.json.format(msgspec.json.encode(stored), indent=1)
 
     done = recipe.shards - len(missing)
     progress(done)
-    made = _shards_here(recipe, tiles, missing, workers)
-    try:
-        with closing(made):
-            for index, content in made:
-                write_whole(_shard_path(folder, index), content)
-                done += 1
-                progress(done)
-    finally:
-        if not any(folder.glob("shard-*.npz")):  # a recipe alone is no part of a data set
-            (folder / RECIPE_FILE).unlink(missing_ok=True)
+    with closing(_shards_here(recipe, tiles, missing, workers)) as made:
+        for index, content in made:
+            write_all({path: recipe_json, _shard_path(folder, index): content})
+            done += 1
+            progress(done)
 
     of_map, of_query = ("heights", "factor") if recipe.known else ("planes", "map_index")
     counts = {"shards": 0, "of": recipe.shards, "maps": 0, "queries": 0}
@@ -148,6 +139,25 @@ def read_shards(folder: Path, recipe: Recipe) -> Iterator[Arrays]:
     """The arrays of each shard in the folder, by name; DataSetError for one that is damaged or of
     another recipe.
     """
+    size = recipe.size
+    blocks = recipe.blocks
+    layout: dict[str, tuple[str, tuple[int, ...]]] = {
+        "planes": ("u1", (2, size, size)),
+        "map_index": ("<i4", ()),
+        "start": ("<f4", (2,)),
+        "goal": ("<f4", (2,)),
+        "excess": ("u1", (blocks, blocks)),
+        "on_path": ("u1", (blocks, blocks // 8)),
+    }
+    if recipe.known:
+        layout = {
+            "heights": ("<f4", (size, size)),
+            "answers": ("u1", (ANSWERS, size, size)),
+            "factor": ("<i4", ()),
+            "cell_size_m": ("<f4", ()),
+            "slope_limit_deg": ("<f4", ()),
+            "hard_slope_deg": ("<f4", ()),
+        }
     for path in sorted(folder.glob("shard-*.npz")):
         wanted = f"{path}: wanted a shard of this data set, got a file that is none"
         with (
@@ -155,48 +165,15 @@ def read_shards(folder: Path, recipe: Recipe) -> Iterator[Arrays]:
             path.open("rb") as file,
             np.load(file, allow_pickle=False) as content,
         ):
-            shard = dict(content)
-            _check_shard(shard, recipe)
+            shard = {name: content[name] for name in layout}
+            for name, (kind, shape) in layout.items():
+                found = shard[name]
+                if (found.dtype, found.shape[1:]) != (np.dtype(kind), shape):
+                    raise ValueError(f"{name} is {found.shape} {found.dtype}")
+            # of queries, or of maps that are known by their blocks
+            if len({len(each) for name, each in shard.items() if name != "planes"}) > 1:
+                raise ValueError("its arrays have other lengths")
         yield shard
-
-
-_LAYOUT = {
-    "planes": ("u1", "M2SS"),
-    "workload": ("<U", "M"),
-    "pooling": ("<i4", "M"),
-    "map_index": ("<i4", "Q"),
-    "start": ("<f4", "Q2"),
-    "goal": ("<f4", "Q2"),
-    "excess": ("u1", "QBB"),
-    "on_path": ("u1", "QBP"),
-}
-_KNOWN_LAYOUT = {
-    "heights": ("<f4", "MSS"),
-    "answers": ("u1", "M3SS"),
-    "factor": ("<i4", "M"),
-    **dict.fromkeys(("cell_size_m", "slope_limit_deg", "hard_slope_deg"), ("<f4", "M")),
-}
-"""Type and shape of each array of a shard: M maps, Q queries, S cells and B blocks to a side, P
-bytes of B bits.
-"""
-
-
-def _check_shard(shard: Arrays, recipe: Recipe) -> None:
-    """KeyError or ValueError where a shard's arrays are not those that the recipe makes."""
-    layout = _KNOWN_LAYOUT if recipe.known else _LAYOUT
-    sides = {"S": recipe.size, "B": recipe.blocks, "P": recipe.blocks // 8, "2": 2, "3": ANSWERS}
-    for name, (kind, letters) in layout.items():
-        found = shard[name]
-        # the first array to name a number of maps or queries sets it
-        shape = [sides.setdefault(*pair) for pair in zip(letters, found.shape, strict=True)]
-        if [*found.shape] != shape or not found.dtype.str.removeprefix("|").startswith(kind):
-            raise ValueError(f"{name} is {found.shape} {found.dtype}, not {shape} {kind}")
-    if not recipe.known:
-        ends = np.stack([shard["start"], shard["goal"]]).astype(np.float32)
-        inside = (ends > -1) & (ends < recipe.size)
-        numbers = set(shard["map_index"].tolist())
-        if not (numbers and numbers <= set(range(sides["M"])) and inside.all()):
-            raise ValueError("its queries do not lie on its maps")
 
 
 def read_known(folder: Path) -> KnownMaps:
@@ -232,13 +209,11 @@ def read_samples(folder: Path, most_maps: int | None = None, *, size: int | None
 
     DataSetError where the set cannot be read, or has no maps of that size."""
     recipe = _recipe_of_kind(folder, known=False)
-    names = [field.name for field in fields(Samples)]
     parts: list[Arrays] = []
     maps = 0
     for shard in read_shards(folder, recipe):
-        shard["map_index"] = shard["map_index"].astype(np.int32) + maps
-        arrays = [shard[name] for name in names]  # as checked by _check_shard
-        part = Samples(*arrays)  # type: ignore[arg-type]
+        part = Samples(**shard)  # type: ignore[arg-type]  # as checked there
+        part.map_index[:] += maps
         maps += len(part.planes)
         parts.append(vars(part.averaged(size or recipe.size)))
         if most_maps is not None and maps >= most_maps:
@@ -253,20 +228,6 @@ def _joined(kind: type[T], folder: Path, shards: Iterable[Arrays]) -> T:
         raise DataSetError(f"{folder}: wanted at least one shard, got none")
     names = [field.name for field in fields(kind)]  # type: ignore[arg-type]  # a dataclass
     return kind(*(np.concatenate([part[name] for part in parts]) for name in names))
-
-
-def _claim(recipe: Recipe, folder: Path) -> None:
-    """Write the recipe into the folder, or check that the one there is the same: one without shards
-    is replaced.
-    """
-    path = folder / RECIPE_FILE
-    if not path.exists() or not any(folder.glob("shard-*.npz")):
-        stored = {"format": FORMAT, **msgspec.structs.asdict(recipe)}
-        write_whole(path, msgspec.json.format(msgspec.json.encode(stored), indent=1))
-    elif read_recipe(folder) != recipe:
-        raise DataSetError(
-            f"{folder}: holds a data set made by another recipe; give another folder"
-        )
 
 
 def _shard_path(folder: Path, index: int) -> Path:

@@ -4,12 +4,12 @@ rasterio.
 
 import json
 import math
-import os
 import re
 import sys
 import warnings
 import zlib
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from itertools import product
 from pathlib import Path
@@ -20,11 +20,9 @@ import numpy as np
 import numpy.typing as npt
 
 from nnpp_edge.runtime.arrays import Float2D, unmasked
-from nnpp_edge.runtime.bands import in_bands
 from nnpp_edge.runtime.cells import Cell, Rectangle, Shape
 from nnpp_edge.runtime.errors import OutputError, TerrainError, optional_module, shown
 from nnpp_edge.runtime.reading import refused_as
-from nnpp_edge.runtime.tuning import THREADS_FROM
 from nnpp_edge.terrain.array_files import check_room, known_heights, metres
 from nnpp_edge.terrain.coordinates import cell_on_ground
 from nnpp_edge.terrain.gdal_files import DRIVERS, FORMATS, NO_NETWORK, openable
@@ -193,18 +191,19 @@ class Raster(Place):
             if at and size:  # others were left out
                 places.append((int(at), int(size)))
 
-        def check(first: int, last: int) -> None:
+        def check(place: tuple[int, int]) -> None:
+            at, size = place
             with self.source.open("rb") as file:
-                for at, size in places[first:last]:
-                    try:
-                        zlib.decompress(os.pread(file.fileno(), size, at))
-                    except zlib.error as error:
-                        raise TerrainError(
-                            f"{self.source}: wanted whole blocks, got a damaged one at byte {at}"
-                        ) from error
+                file.seek(at)
+                try:
+                    zlib.decompress(file.read(size))
+                except zlib.error as error:
+                    raise TerrainError(
+                        f"{self.source}: wanted whole blocks, got a damaged one at byte {at}"
+                    ) from error
 
-        if places:
-            in_bands(check, 0, len(places), THREADS_FROM // 8)  # fewer are not worth threads
+        with ThreadPoolExecutor() as pool:
+            list(pool.map(check, places))
         self._right |= blocks
 
 

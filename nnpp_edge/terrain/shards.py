@@ -146,18 +146,11 @@ def read_terrain(recipe: Recipe) -> list[Dem]:
     for name in recipe.terrain:
         dem = stripe_of(read_dem(name, recipe.cell_size_m), recipe.stripe)
         rows, cols = dem.shape
-        side = min(rows, cols)
-        if side < least:
-            option = "--known" if recipe.known else "--size"
-            fits = side // recipe.size if recipe.known else side // _SIZE_STEP * _SIZE_STEP
-            hint = f": {option} {fits} is the largest that fits" if fits else ""
-            wanted = f"at least {least} cells on the shorter side"
-            if recipe.stripe != _WHOLE:
-                wanted += " in the stripe that --validation-share leaves"
-            of = f" of {factor} × {factor} cells" if recipe.known else ""
+        if min(rows, cols) < least:
+            stripe = "" if recipe.stripe == _WHOLE else " in the stripe that is used"
             raise DataSetError(
-                f"{dem.source}: wanted {wanted} for maps of --size {recipe.size}{of}, got "
-                f"{rows} × {cols}{hint}"
+                f"{dem.source}: wanted at least {least} cells on the shorter side{stripe}, got "
+                f"{rows} × {cols}: ask for smaller maps by --size or --known"
             )
         tiles.append(dem)
     return tiles
@@ -171,8 +164,6 @@ def poolings(recipe: Recipe, tiles: Tiles) -> list[tuple[int, float]]:
 
 def stripe_of(dem: Dem, stripe: tuple[float, float]) -> Dem:
     """The part of an elevation map between two shares of its longer side."""
-    if stripe == _WHOLE:
-        return dem
     rows, cols = dem.shape
     first, last = (round(share * max(rows, cols)) for share in stripe)
     part = dem.elevation[first:last] if rows >= cols else dem.elevation[:, first:last]

@@ -1,7 +1,7 @@
 """Batches of labelled queries, or of maps known by their blocks, turned and swapped at random.
 
-They are made whole, on the device that trains: maps and labels lie there as bytes where they fit.
-The network encodes them itself.
+They are made whole, on the device that trains, of maps and labels that lie in this machine's memory
+as bytes. The network encodes them itself.
 """
 
 from collections.abc import Iterator
@@ -18,23 +18,17 @@ from nnpp_edge.runtime.network.model_file import UNSEEN
 from nnpp_edge.terrain.dataset import Queries
 from nnpp_edge.terrain.known import CERTAIN, KnownMaps
 from nnpp_edge.terrain.labels import EXCESS_STEP
-from nnpp_edge.training.checkpoint import TrainSettings
+from nnpp_edge.training.settings import TrainSettings
 
 Batch = tuple[Tensor, Tensor, Tensor]
 """Maps and facts, as a network is called with, and targets."""
 CPU = torch.device("cpu")
 POSITIONS = 8
 """Of a map: turned and mirrored."""
-_BYTES_AT_ONCE = 2**20
-"""Batches of small maps are made several at once, up to so many bytes of maps: a call of torch
-takes longer than its work.
-"""
-_LARGEST_SHARE = 0.5
-"""Of a device's free memory that maps and labels may take."""
 
 
 class Held(NamedTuple):
-    """Samples as they are kept: bytes in tensors for the device, the rest in arrays."""
+    """Samples as they are kept: bytes in tensors, the rest in arrays."""
 
     maps: Tensor
     """(M, C, S, S) planes: uint8, or float32 of maps known by their blocks."""
@@ -70,14 +64,14 @@ class Batches:
         nearness = torch.exp(-torch.arange(256) * (EXCESS_STEP / settings.softness))
         nearness[255] = 0.0
         self._nearness = nearness.to(device)
-        self.held = self._placed(self._of(samples))
+        self.held = self._of(samples)
 
     def __len__(self) -> int:
         """Batches in an epoch."""
         return len(self.held.labels) // self.settings.batch
 
     def _of(self, samples: Queries) -> Held:
-        """Samples as they are kept, on the CPU."""
+        """Samples as they are kept."""
         if isinstance(samples, KnownMaps):
             answers = torch.from_numpy(np.ascontiguousarray(samples.answers))
             count = len(samples)
@@ -104,42 +98,26 @@ class Batches:
             np.stack([samples.start, samples.goal], 1),
         )
 
-    def _placed(self, held: Held) -> Held:
-        """Maps and labels on the device, if there is room for them, else in this machine's memory,
-        from which each batch's are brought.
-        """
-        home = self.device
-        if home.type == "cuda":
-            torch.cuda.empty_cache()
-            free, _ = torch.cuda.mem_get_info(home)
-            if held.maps.nbytes + held.labels.nbytes > _LARGEST_SHARE * free:
-                return held
-        return held._replace(maps=held.maps.to(home), labels=held.labels.to(home))
-
     def epoch(self, number: int, skip: int = 0) -> Iterator[Batch]:
         """The batches of an epoch from the `skip`-th on."""
         size = self.settings.batch
-        held = self.held
-        at_once = max(1, _BYTES_AT_ONCE // (held.maps[0].nbytes * size))
         rng = np.random.default_rng([self.settings.seed, number])
-        order = rng.permutation(len(held.labels))[: len(self) * size].reshape(-1, size)
+        count = len(self.held.labels)
+        order = rng.permutation(count)[: len(self) * size].reshape(-1, size)
         swapped = rng.integers(2, size=order.shape, dtype=bool)
         # each place of a batch has its position, equal ones side by side: the order is random
         turns = np.sort((np.arange(size) + rng.integers(POSITIONS)) % POSITIONS)
         threads = torch.get_num_threads()
-        for first in range(skip - skip % at_once, len(self), at_once):
-            those = slice(first, first + at_once)
+        for queries, from_goal in zip(order[skip:], swapped[skip:], strict=True):
             # to wake other threads takes longer than these copies
             torch.set_num_threads(1)
-            made = self.made(held, order[those], swapped[those], turns)
+            batch = self.made(queries, from_goal, turns)
             torch.set_num_threads(threads)
-            parts = [each.chunk(len(order[those])) for each in made]
-            yield from list(zip(*parts, strict=True))[max(skip - first, 0) :]
+            yield batch
 
-    def made(self, held: Held, queries: Int64, swapped: Bool, turns: Int64) -> Batch:
-        """Maps, facts and targets of some batches' queries (A, N); those `swapped` go from goal to
-        start.
-        """
+    def made(self, queries: Int64, swapped: Bool, turns: Int64) -> Batch:
+        """Maps, facts and targets of queries (N,); those `swapped` go from goal to start."""
+        held = self.held
         of_blocks = self.spec.encoding == "unseen"
         labels = self._turned(held.labels, queries, turns)
         maps = self._turned(held.maps, held.map_index[queries], turns, rises=of_blocks)
@@ -149,29 +127,26 @@ class Batches:
         else:
             targets = self._nearness[labels[:, 0].int()]
             facts = turned_ends(facts, turns, self.spec.input_size)
-            facts = np.where(swapped[..., None, None], facts[:, :, ::-1], facts)
-        facts = facts.reshape(len(maps), *facts.shape[2:])
+            facts = np.where(swapped[:, None, None], facts[:, ::-1], facts)
         return maps, torch.from_numpy(facts).to(self.device), targets
 
     def _turned(self, held: Tensor, index: Int64, turns: Int64, *, rises: bool = False) -> Tensor:
-        """`held[index]` on the device, each in its position: all of one position at once, so many
-        batches (A, N) there may be. With `rises` the first two planes are those along rows and
-        down columns, which turn with the map.
+        """`held[index]` on the device, each in its position: all of one position at once. With
+        `rises` the first two planes are those along rows and down columns, which turn with the map.
         """
-        found = held.index_select(0, torch.from_numpy(index.ravel()).to(held.device))
-        if found.device != self.device:
+        found = held.index_select(0, torch.from_numpy(index))
+        if self.device != CPU:
             found = found.pin_memory().to(self.device, non_blocking=True)
-        of_batches = found.reshape(*index.shape, *held.shape[1:])
-        in_position = torch.empty_like(of_batches)
+        in_position = torch.empty_like(found)
         sizes = np.bincount(turns).tolist()
-        groups = (torch.split(each, sizes, 1) for each in (of_batches, in_position))
-        for turn, (group, out) in enumerate(zip(*groups, strict=True)):
+        groups = zip(torch.split(found, sizes), torch.split(in_position, sizes), strict=True)
+        for turn, (group, out) in enumerate(groups):
             out.copy_(turned(group, turn))
             if rises:
                 signs = [1 - (turn & 2), 1 - 2 * (turn & 1)]
-                signed = out[:, :, :2] * out.new_tensor(signs)[:, None, None]
-                out[:, :, :2] = signed.flip(2) if turn & 4 else signed
-        return in_position.flatten(0, 1)
+                signed = out[:, :2] * out.new_tensor(signs)[:, None, None]
+                out[:, :2] = signed.flip(1) if turn & 4 else signed
+        return in_position
 
 
 def known_planes(maps: KnownMaps) -> Float32s:

@@ -2,7 +2,6 @@
 
 import io
 import json
-import math
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 
@@ -15,6 +14,7 @@ from nnpp_edge.model.network import Network
 from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.reading import problem_with_file
+from nnpp_edge.training.settings import TrainSettings
 
 BEST = "best.pt"
 LAST = "last.pt"
@@ -31,45 +31,8 @@ _DECIDING = (
     "precision",
 )
 """Settings that decide the weights."""
-WAITED = 3
-WORSE = 1.05
-"""Validations since the best, and times its score, from which on a training is said to get worse.
-"""
 State = dict[str, Tensor]
 """A network's parameters and buffers by name."""
-
-
-@dataclass(frozen=True)
-class TrainSettings:
-    """How to train; the optimiser's defaults are the paper's. `Batches` explains `target` and
-    `softness`.
-    """
-
-    epochs: int = 150
-    batch: int = 32
-    """Queries in a step."""
-    learning_rate: float = 1e-3
-    weight_decay: float = 1e-4
-    steps: int | None = None
-    """The training ends after so many steps or after its epochs, whichever comes first."""
-    warmup_steps: int = 200
-    target: str = "near"
-    softness: float = 0.02
-    seed: int = 1
-    time_limit_s: float = math.inf
-    """About how long the training takes, over all resumed runs: its speed in the warm-up decides
-    the number of steps.
-    """
-    validations: int = 20
-    """Over the training, evenly spread, beside the one before it."""
-    patience: int | None = None
-    """The training ends after so many validations in a row that are no better than the best."""
-    average_decay: float = 0.998
-    """Of the running mean of the weights, which is what is validated and exported."""
-    precision: str = "auto"
-    """Of the convolutions: ``float32``, ``bfloat16``, or bfloat16 on a GPU and float32 on a CPU
-    (``auto``).
-    """
 
 
 @dataclass
@@ -95,19 +58,6 @@ class Progress:
     def waited(self) -> int:
         """Validations since the best."""
         return len(self.history) - 1 - self.best
-
-    def warning(self) -> str:
-        """A sentence where validation got worse while the loss fell; else empty."""
-        best = self.history[self.best]
-        last = self.history[-1]
-        fell = last.get("loss", 0.0) < best.get("loss", math.inf)
-        if self.waited < WAITED or last["score"] < WORSE * best["score"] or not fell:
-            return ""
-        return (
-            f"validation has got worse since step {best['step']:.0f} of {last['step']:.0f} (score "
-            f"{best['score']:.4f} → {last['score']:.4f}) while the training loss fell: the network "
-            "learns its training set by heart; more maps or fewer steps help"
-        )
 
 
 @dataclass(frozen=True)

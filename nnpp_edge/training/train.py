@@ -27,20 +27,19 @@ from nnpp_edge.training.checkpoint import (
     Checkpoint,
     Progress,
     State,
-    TrainSettings,
     load_checkpoint,
 )
+from nnpp_edge.training.settings import TrainSettings
 from nnpp_edge.training.unseen import KnownValidator
 from nnpp_edge.training.validation import Validator
 
-__all__ = ["Progress", "TrainSettings", "train"]
 _TRIM_THRESHOLD = -1
 _MMAP_MAX = -4
 """Options of glibc's mallopt."""
 SAVED_EVERY_S = 300.0
 REPORTED_EVERY_S = 0.5
 Report = Callable[[float, str], None]
-"""Called with the share done, and loss, rate and score of the last validation in words."""
+"""Called with the share done, and loss and score of the last validation in words."""
 
 
 def train(
@@ -77,16 +76,16 @@ def train(
         validator = KnownValidator(validation)
     else:
         validator = Validator(validation, spec, omega)
-    run = TrainingRun(spec, settings)
-    run.begin(last, begin_with)
-    progress = run.progress
-    batches = Batches(training, spec, settings, device=run.device)
+    device = torch.device("cuda:0" if torch.cuda.is_available() else "cpu")
+    batches = Batches(training, spec, settings, device=device)
     if not len(batches):
         raise DataSetError(
             f"wanted at least {settings.batch} samples for one batch, got {len(training)}: make "
             "more maps, or give a smaller --batch"
         )
-    run.plan_steps(len(batches))
+    run = TrainingRun(spec, settings, device, len(batches))
+    run.begin(last, begin_with)
+    progress = run.progress
     saved = time.monotonic()
 
     def validate() -> None:
@@ -135,25 +134,27 @@ def keep_freed_memory() -> None:
 class TrainingRun:
     """A network in training, its running mean, the optimiser and the progress."""
 
-    def __init__(self, spec: Spec, settings: TrainSettings) -> None:
+    def __init__(
+        self, spec: Spec, settings: TrainSettings, device: torch.device, batches: int
+    ) -> None:
         self.spec = spec
         self.settings = settings
-        self.device = torch.device("cuda:0" if torch.cuda.is_available() else "cpu")
+        self.device = device
         torch.manual_seed(settings.seed)
-        network = Network(spec).to(self.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
+        network = Network(spec).to(device, memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.network: Network = network
-        self.average = Network(spec).to(self.device)
+        self.average = Network(spec).to(device)
         self.optimiser = torch.optim.AdamW(
             network.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay
         )
         self.validation_s = 0.0
         """Of the last validation."""
-        on_gpu = self.device.type == "cuda"
+        on_gpu = device.type == "cuda"
         self.in_bfloat16 = settings.precision == "bfloat16" or (
             settings.precision == "auto" and on_gpu
         )
-        self.most = sys.maxsize
-        """Steps at most, as far as that is known."""
+        self.most = min(settings.epochs * batches, settings.steps or sys.maxsize)
+        """Steps at most."""
         self.progress = Progress()
         self.origin: dict[str, object] = {
             "torch": str(torch.__version__),
@@ -178,6 +179,8 @@ class TrainingRun:
                 ) from error
             self.origin["begun_with"] = theirs.facts()
         self.average.load_state_dict(average)
+        if self.settings.time_limit_s == math.inf and self.progress.steps is None:
+            self.progress.steps = self.most
         self.started = time.monotonic() - self.progress.spent_s
         self.since_validated()
 
@@ -196,19 +199,11 @@ class TrainingRun:
             self.progress.steps = None
         return saved.average
 
-    def plan_steps(self, batches_an_epoch: int) -> None:
-        """Say how many batches an epoch has."""
-        settings = self.settings
-        self.most = min(settings.epochs * batches_an_epoch, settings.steps or sys.maxsize)
-        if settings.time_limit_s == math.inf and self.progress.steps is None:
-            self.progress.steps = self.most
-
     def since_validated(self) -> None:
         """Begin to count anew: loss, steps and time since the last validation."""
         self.summed = torch.zeros((), dtype=torch.float64, device=self.device)
         self.counted = 0
-        self.counted_since = time.monotonic()
-        self.told = self.counted_since
+        self.told = time.monotonic()
 
     @property
     def loss(self) -> float:
@@ -295,23 +290,15 @@ class TrainingRun:
         return rate * (0.01 + 0.99 * 0.5 * (1.0 + cosine))
 
     def tell(self, report: Report) -> None:
-        """Report the share done with loss, rate and validation in words, now and then."""
+        """Report the share done with the loss and the last score beside the best, now and then."""
         now = time.monotonic()
         if now - self.told < REPORTED_EVERY_S:
             return
         self.told = now
-        rate = self.counted * self.settings.batch / (now - self.counted_since)
-        words = [f"loss {self.loss:.4f}", f"{rate:.0f} samples/s", self.validated_words()]
-        report(self.share_done, ", ".join(words))
-
-    def validated_words(self) -> str:
-        """The last validation in words, beside the best."""
-        progress = self.progress
-        best = progress.history[progress.best]
-        words = f"score {progress.history[-1]['score']:.4f}"
-        if progress.waited:
-            words += f" (best {best['score']:.4f}, step {best['step']:.0f})"
-        return words
+        history = self.progress.history
+        best = history[self.progress.best]
+        score = f"score {history[-1]['score']:.4f} (best {best['score']:.4f})"
+        report(self.share_done, f"loss {self.loss:.4f}, {score}")
 
     def validated(self, validator: Validator | KnownValidator) -> dict[str, float]:
         """The history's row for the running mean, with the mean loss since the last one."""
@@ -325,13 +312,8 @@ class TrainingRun:
         }
         if self.counted:
             row["loss"] = self.loss
-        for judged in validator.judge(self.average):
-            figures = asdict(judged)
-            at = f"@{figures.pop('factor'):g}" if "factor" in figures else ""
-            row |= {f"{name}{at}": value for name, value in figures.items()}
-            if at in ("", f"@{self.spec.region_factor:g}"):
-                row["score"] = judged.score
-        return row
+        judged = validator.judge(self.average)
+        return row | asdict(judged) | {"score": judged.score}
 
     def checkpoint(self, *, best: bool = False) -> Checkpoint:
         """All of the run; of the `best` only the running mean."""

@@ -34,11 +34,11 @@ class KnownValidator:
         self.shown = maps.pick(chosen)
         self.wanted = self.shown.wanted
 
-    def judge(self, network: Network) -> list[Fit]:
+    def judge(self, network: Network) -> Fit:
         """How well a network's answers fit."""
         planes = known_planes(self.shown)
         no_facts = np.empty((len(planes), 0), np.float32)
-        return [self.judge_answers(network.answers(planes, no_facts))]
+        return self.judge_answers(network.answers(planes, no_facts))
 
     def judge_answers(self, answers: Float32s) -> Fit:
         """How well answers (N, 3, B, B) fit."""

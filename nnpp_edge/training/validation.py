@@ -2,7 +2,7 @@
 
 import math
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from queue import SimpleQueue
@@ -28,17 +28,16 @@ from nnpp_edge.terrain.dataset import Samples
 T = TypeVar("T")
 Scratch = tuple[Workspace, RegionFinder]
 """Memory of one thread's searches."""
-FACTORS = (1.0, 0.5, 0.2)
-"""On the adaptive threshold, that a training is judged at, those of `ARCHITECTURES` among them."""
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """Means over the validation queries at one factor on the adaptive threshold; what is counted is
-    defined in `nnpp_edge.outcome`.
-    """
+    """Means over the validation queries; what is counted is defined in `nnpp_edge.outcome`."""
 
     factor: float
+    """On the adaptive threshold: in training, that at which planners use the network
+    (`ARCHITECTURES`).
+    """
     success: float
     """Share of queries that are found: with a path inside the region."""
     gap: float
@@ -49,8 +48,7 @@ class Judgement:
     """Mean MM."""
     score: float
     """Mean of gap and region's share together, a query that is not found counted as a search of
-    the whole map; less is better. The best weights are chosen by it at the factor that planners use
-    (`ARCHITECTURES`).
+    the whole map; less is better. The best weights are chosen by it.
     """
 
 
@@ -84,50 +82,39 @@ class Validator:
         self.optima = self._in_threads(self._optimum, range(len(self.index)))
         """Cost and number of cells of the optimal paths."""
 
-    def judge(self, network: Network) -> list[Judgement]:
-        """Search every validation query in the network's region, for each of `FACTORS`."""
+    def judge(self, network: Network) -> Judgement:
+        """Search every validation query in the network's region."""
         shown = self.shown
         ends = np.stack([shown.start, shown.goal], 1)
-        return self.judge_answers(network.answers(shown.planes[shown.map_index], ends))
+        answers = network.answers(shown.planes[shown.map_index], ends)
+        return self.judge_answers(answers, network.spec.region_factor)
 
-    def judge_answers(
-        self, probabilities: Float32s, factors: Sequence[float] = FACTORS
-    ) -> list[Judgement]:
+    def judge_answers(self, probabilities: Float32s, factor: float) -> Judgement:
         """As `judge`, for probabilities (Q, B, B) in the order of `index`."""
 
-        def of_query(at: int, scratch: Scratch) -> list[dict[str, float]]:
-            """The outcome at each factor."""
+        def of_query(at: int, scratch: Scratch) -> dict[str, float]:
             workspace, finder = scratch
             optimum, cells = self.optima[at]
             grid, ends = self._query(at)
             row_block, col_block = self.lookup
             start, goal = ((int(row_block[row]), int(col_block[col])) for row, col in ends)
             finder.read(probabilities[at])
-            threshold = finder.threshold(start, goal)
-            found = []
-            for factor in factors:
-                finder.mark(lowered(threshold, factor), start, goal)
-                region = finder.region(self.lookup)
-                path = astar(grid, *ends, workspace, region=region).path
-                found.append(outcome(grid.costs_of(path)[0], optimum, cells, region))
-            return found
+            finder.mark(lowered(finder.threshold(start, goal), factor), start, goal)
+            region = finder.region(self.lookup)
+            path = astar(grid, *ends, workspace, region=region).path
+            return outcome(grid.costs_of(path)[0], optimum, cells, region)
 
         rows = self._in_threads(of_query, range(len(self.index)))
-        judged = []
-        for factor, of in zip(factors, zip(*rows, strict=True), strict=True):
-            gaps = [each["gap"] for each in of if each["found"]]
-            scores = [each["gap"] + each["share"] if each["found"] else 1.0 for each in of]
-            judged.append(
-                Judgement(
-                    factor,
-                    success=fmean(each["found"] for each in of),
-                    gap=fmean(gaps) if gaps else math.inf,
-                    region_share=fmean(each["share"] for each in of),
-                    mm=fmean(each["mm"] for each in of),
-                    score=fmean(scores),
-                )
-            )
-        return judged
+        gaps = [each["gap"] for each in rows if each["found"]]
+        scores = [each["gap"] + each["share"] if each["found"] else 1.0 for each in rows]
+        return Judgement(
+            factor,
+            success=fmean(each["found"] for each in rows),
+            gap=fmean(gaps) if gaps else math.inf,
+            region_share=fmean(each["share"] for each in rows),
+            mm=fmean(each["mm"] for each in rows),
+            score=fmean(scores),
+        )
 
     def _optimum(self, at: int, scratch: Scratch) -> tuple[float, int]:
         """Cost and number of cells of the cheapest path on the whole map."""

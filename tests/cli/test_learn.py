@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from nnpp_edge.cli import learn
-from nnpp_edge.files import alone_in
 from nnpp_edge.profiling.worth import KEEP, LEAVE, OPEN
 from nnpp_edge.runtime.network.model_file import read_model_file
 
@@ -46,8 +45,6 @@ def test_steps_say_all_that_they_need_and_the_int8_model_is_compared(run, monkey
     assert ended.code == 0, ended.err
     assert ended.out.splitlines()[-1] == "by own/int8.onnx"
     assert [words.count("--size") for words in made] == [1, 1, 0, 0, 0]
-    with alone_in(Path("own")):
-        run("learn dem.npz -o own").refused("another process is at work there")
 
 
 @pytest.mark.slow

@@ -2,12 +2,10 @@
 
 import hashlib
 import json
-import re
 from pathlib import Path
 
 import pytest
 
-from nnpp_edge.model.registry import ARCHITECTURES, architecture_name
 from nnpp_edge.runtime.network.model_file import ModelMetadata, read_model_file
 
 MODELS = Path(__file__).parents[2] / "nnpp_edge" / "models"
@@ -41,50 +39,7 @@ def stages(training):
     return [*(stages(before) if before else []), training]
 
 
-def commands_that_make(name):
-    """The options in docs/reference/shipped-models.md of the commands that made a model, by command,
-    and of all data sets by folder.
-    """
-    text = MODELS.parents[1].joinpath("docs", "reference", "shipped-models.md").read_text()
-    found = {"dataset": {}, "train": [], "export": [], "quantize": []}
-    for line in text.split("\n## ")[0].replace("\\\n", " ").splitlines():
-        if line.startswith("nnpp-edge "):
-            command, *words = line.split()[1:]
-            options = dict(zip(words, words[1:], strict=False))
-            if command == "dataset":
-                found[command][options["-o"]] = options
-            elif re.fullmatch(rf"(runs/)?{name}(-\d+b?|-fp32|)(\.onnx)?", options["-o"]):
-                found[command].append(options | {"dataset": words[0]})
-    return found
-
-
 OF_MODELS = [name for name in SHIPPED if not name.endswith("-fp32")]
-
-
-@pytest.mark.parametrize("name", OF_MODELS)
-def test_the_commands_that_are_told_agree_with_the_files_metadata(name):
-    m = read_model_file(name).metadata
-    commands = commands_that_make(name)
-    (export,) = commands["export"]
-    (quantize,) = commands["quantize"]
-    folder = commands["train"][-1]["dataset"]
-    dataset = commands["dataset"][folder]
-    recipe = m.training["dataset"]
-    assert (int(dataset["--maps"]), int(dataset["--seed"])) == (recipe["maps"], recipe["seed"])
-    assert (export["--dataset"], quantize["--dataset"]) == (folder, folder)
-    factor = ARCHITECTURES[architecture_name(m.architecture)].region_factor
-    assert (factor, export["--name"]) == (m.region_factor, m.name)
-    assert int(quantize.get("--samples", 200)) == m.training["calibration"]["samples"]
-    for options, stage in zip(commands["train"], stages(m.training), strict=True):
-        assert "--time-limit" not in options and int(options["--steps"]) == stage["steps"]
-        for option, key, default in (
-            ("--target", "target", "near"),
-            ("--precision", "precision", "auto"),
-            ("--batch", "batch", 32),
-            ("--learning-rate", "learning_rate", 1e-3),
-            ("--input-size", "input_size", m.input_size),
-        ):
-            assert type(default)(options.get(option, default)) == stage.get(key, default), option
 
 
 @pytest.mark.parametrize("name", OF_MODELS)

@@ -177,9 +177,9 @@ $COST --workload limit20 --limit slope_limit_deg=25 | leave out --limit slope_li
 costmap sample:mars -o cost.npz                | moon_highlands | 'mars'
 $PLAN -o out                                   | out/plan.json: could not be written (it is a folder)
 dataset -o text.txt/set --maps 2               | text.txt/set | wanted a folder to write to
-dataset hills.npz -o new --maps 2 --known 4    | 128 cells on the shorter side for maps of --size 32 of 4 × 4 cells, got 80 × 90: --known 2 is
+dataset hills.npz -o new --maps 2 --known 4    | wanted at least 128 cells on the shorter side
 dataset hills.npz -o new/set --maps 2 --size 160 --known 2 | at least 320 cells on the shorter side | got 80 × 90
-simulate hills.tif                             | extra argument (hills.tif): a map is given by --map; see nnpp-edge
+simulate hills.tif                             | extra argument (hills.tif); see nnpp-edge
 profile --profile quick --json out.json        | no such command 'out.json'; see nnpp-edge profile --help
 $PLAN -o loop                                  | symbolic links
 $PLAN -o text.txt                              | text.txt | folder to write to
@@ -194,10 +194,6 @@ profile --profile set/report.json -o set       | would replace | which is read
 profile --peers --terrain set/peers.json -o set | would replace | which is read
 simulate --map hills.npz --log hills.npz       | would replace | which is read
 simulate --map grey.png --picture grey.png     | would replace | which is read
-run --map hills.npz --log link.npz             | would replace | which is read
-run --map hills.npz --input replay:text.txt --log text.txt | would replace | which is read
-run --map hills.npz --profile set/report.json --log set/report.json | would replace | which is read
-run --map hills.npz --model text.txt --log text.txt | would replace | which is read
 """
 
 

@@ -81,7 +81,7 @@ def test_training_and_the_reproduction_say_the_same_of_the_same_queries(tiny_net
     facts = model.metadata
     spec = SimpleNamespace(input_size=side, blocks=facts.blocks)
     validator = Validator(samples, spec, PAPER_OMEGA)
-    (judged,) = validator.judge_answers(answers(model, samples), [facts.region_factor])
+    judged = validator.judge_answers(answers(model, samples), facts.region_factor)
     rows = Rows()
     for at, (start, goal) in enumerate(ends.swapaxes(0, 1).astype(int).tolist()):
         cost = planes[at, 0].astype(np.float32) / 255.0

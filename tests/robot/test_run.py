@@ -17,9 +17,9 @@ from nnpp_edge.robot import transports
 from nnpp_edge.robot.operations import onboard
 from nnpp_edge.robot.transports.recording import RecordingFile, read_recording
 from nnpp_edge.robot.transports.stdio import StdioSource
-from nnpp_edge.robot.transports.wire import decode_output, encode
+from nnpp_edge.robot.transports.wire import encode
 from nnpp_edge.robot.transports.wiring import Wiring
-from nnpp_edge.runtime import Goal, Ground, InProcessSink, MapPatch, PathMessage, Pose
+from nnpp_edge.runtime import Goal, Ground, InProcessSink, MapPatch, Pose
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.messages import Counters
 from nnpp_edge.runtime.loop.settings import OnboardLoop
@@ -87,11 +87,10 @@ def test_the_script_in_the_documentation_runs_as_it_stands(dem, tmp_path):
     log = (tmp_path / "loop.log").read_text()
     assert ended.returncode == 0, ended.stderr + log
     assert "ticks" in log
-    first = decode_output((tmp_path / "first.json").read_bytes())
-    second = decode_output((tmp_path / "second.json").read_bytes())
-    assert first.path[[0, -1]].tolist() == [[5, 5], [60, 70]]
-    assert second.map_version == 1
-    assert not {(30, 30), (30, 31), (30, 32)} & set(map(tuple, second.path.tolist()))
+    first, second = (json.loads((tmp_path / f"{n}.json").read_text()) for n in ("first", "second"))
+    assert (first["path"][0], first["path"][-1]) == ([5, 5], [60, 70])
+    assert second["map_version"] == 1
+    assert not {(30, 30), (30, 31), (30, 32)} & set(map(tuple, second["path"]))
 
 
 def test_it_tells_the_manager_stops_when_told_to_and_keeps_what_it_recorded(dem, tmp_path):
@@ -108,9 +107,8 @@ def test_it_tells_the_manager_stops_when_told_to_and_keeps_what_it_recorded(dem,
         assert manager.recv(4096) == b"READY=1"
         program.stdin.write(b"".join(encode(message) + b"\n" for message in inputs))
         program.stdin.flush()
-        answers = map(decode_output, program.stdout)
-        found = next(each for each in answers if isinstance(each, PathMessage) and each.ok)
-        assert found.path[-1].tolist() == [60, 70]
+        found = next(each for each in map(json.loads, program.stdout) if each.get("path"))
+        assert found["path"][-1] == [60, 70]
         program.send_signal(signal.SIGHUP)
         for _ in range(3):
             assert manager.recv(4096) in (b"WATCHDOG=1", b"STATUS=OK by standing")
@@ -157,8 +155,9 @@ def test_paths_come_where_nothing_can_be_said_on_stderr(dem, recording, tmp_path
         f"--input replay:{recording} --fast --record {record} {stderr}"
     )
     ended = subprocess.run(["/bin/sh", "-c", command], stdout=subprocess.PIPE, timeout=120)
-    answers = [decode_output(line) for line in ended.stdout.splitlines()]
-    assert [message.ok for message in answers if isinstance(message, PathMessage)] == [True] * 3
+    answers = map(json.loads, ended.stdout.splitlines())
+    outcomes = [each["outcome"] for each in answers if each["type"] == "path"]
+    assert outcomes == ["OK"] * 3
     assert ended.returncode == 0
     assert len(list(read_recording(record, SHAPE))) == 4
 

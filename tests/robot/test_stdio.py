@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from nnpp_edge.robot.transports.stdio import StdioSink, StdioSource
-from nnpp_edge.robot.transports.wire import Fault, decode_output, encode
+from nnpp_edge.robot.transports.wire import encode
 from nnpp_edge.runtime import Goal, MapPatch, Origin, PathMessage, Pose, Status
 from nnpp_edge.runtime.errors import OutputError
 from nnpp_edge.runtime.loop.connections import Mailbox
@@ -59,7 +59,7 @@ def send(pipe, *messages):
 def received(pipe):
     """What was written to a pipe that nobody writes to any more."""
     pipe.write.close()
-    return [decode_output(message) for message in pipe.read]
+    return [json.loads(message) for message in pipe.read]
 
 
 def test_garbage_is_answered_line_by_line_and_ends_nothing(
@@ -72,10 +72,10 @@ def test_garbage_is_answered_line_by_line_and_ends_nothing(
     send(incoming, POSE, *bad, GOAL)
     ended = drive(navigator, source, [sink])
     answers = received(outgoing)
-    faults = [m for m in answers if isinstance(m, Fault)]
-    assert [fault.count for fault in faults] == [1, 2, 3, 4]
+    faults = [m for m in answers if m["type"] == "error"]
+    assert [fault["count"] for fault in faults] == [1, 2, 3, 4]
     wanted = ("JSON is malformed", "field `row`", "at most 2000 bytes", "truncated")
-    assert all(words in fault.error for words, fault in zip(wanted, faults, strict=True))
+    assert all(words in fault["error"] for words, fault in zip(wanted, faults, strict=True))
     assert ended.counters.errors == {"input": 4}
     assert ended.paths[-1].ok
 

@@ -2,16 +2,15 @@
 
 import io
 import json
-import math
 import re
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
 
 from nnpp_edge.robot.transports.incoming import Refusals
 from nnpp_edge.robot.transports.stdio import messages
-from nnpp_edge.robot.transports.wire import Fault, WireError, decode, decode_output, encode
+from nnpp_edge.robot.transports.wire import Fault, WireError, decode, encode
 from nnpp_edge.runtime import (
     Counters,
     Goal,
@@ -66,39 +65,31 @@ def test_patches_come_back_bit_by_bit_in_one_line(patch):
 
 
 @pytest.mark.parametrize("answer", [ANSWER, LINE, FAILED])
-def test_answers_come_back_as_they_were(answer):
+def test_answers_are_written_as_they_are(answer):
     written = json.loads(encode(answer))
-    back = decode_output(encode(answer))
     assert written == {"v": 1, "type": "path"} | json.loads(json.dumps(answer.summary()))
-    assert back.summary() == answer.summary() and back.path.dtype == np.int32
-    assert back.headings_deg.tolist() == written["headings_deg"]
-    if answer is LINE:
-        assert back.waypoints.dtype == np.float64
-    else:
-        assert not {"waypoints", "line_cost"} & written.keys()
+    assert ({"waypoints", "line_cost"} <= written.keys()) == (answer is LINE)
 
 
 def test_a_cost_that_is_not_known_is_null():
     assert json.loads(encode(FAILED))["cost"] is None
-    assert decode_output(encode(FAILED)).cost == math.inf
 
 
 STATUS = StatusMessage(9, Status.OK, "fine", Counters(drops={"x": 1}, tick_ms={"a": 0.25}))
 
 
-@pytest.mark.parametrize(
-    ("read", "message"),
-    [
-        (decode, Pose(3.25, -7.5, 12.5)),
-        (decode, Goal(3, 400)),
-        (decode, Goal(-1, 0, 1e9, 45.0)),
-        (decode_output, STATUS),
-        (decode_output, Fault("two\nlines", 3)),
-    ],
-)
-def test_messages_come_back_as_they_were_from_one_line(read, message):
+@pytest.mark.parametrize("message", [Pose(3.25, -7.5, 12.5), Goal(3, 400), Goal(-1, 0, 1e9, 45.0)])
+def test_places_come_back_as_they_were_from_one_line(message):
     assert b"\n" not in encode(message)
-    assert read(encode(message)) == message
+    assert decode(encode(message)) == message
+
+
+@pytest.mark.parametrize(
+    ("kind", "message"), [("status", STATUS), ("error", Fault("two\nlines", 3))]
+)
+def test_other_answers_are_written_as_they_are_in_one_line(kind, message):
+    assert b"\n" not in encode(message)
+    assert json.loads(encode(message)) == {"v": 1, "type": kind} | asdict(message)
 
 
 def test_patches_may_be_written_by_hand():
@@ -146,7 +137,7 @@ def test_a_large_patch_comes_back_bit_by_bit_however_it_is_laid_out(side):
 REFUSED = r"""
                                         | wanted a pose, goal or patch, got '' .*truncated
 garbage                                 | got 'garbage' .*malformed
-{"type":"pose","row":0,"col":0,"\xff":1} | utf-8
+{"type":"pose","row":0,"col":0,"\xff":1} | (?i)utf-8
 {"type":"path"}                         | type: Invalid value 'path'
 {"type":"pose","row":2147483649,"col":0} | row: Expected `float` <= 2147483648.0
 {"type":"pose","row":0,"col":0,"v":2}   | wanted version 1 of the messages
@@ -201,15 +192,6 @@ def test_where_one_kind_is_wanted_the_type_may_be_left_out_and_no_other_may_come
     assert decode(b'{"row":1,"col":2}', kind="goal") == Goal(1, 2)
     with pytest.raises(WireError, match=r"wanted a goal, got .* .type: Invalid value 'pose'"):
         decode(encode(Pose(1, 2)), kind="goal")
-
-
-@pytest.mark.parametrize(
-    "change",
-    [{"path": [[1]]}, {"outcome": "FINE"}, {"start": 5}, {"path": []}, {"type": "pose"}],
-)
-def test_an_answer_that_is_none_is_refused(change):
-    with pytest.raises(WireError, match="wanted an answer of the loop"):
-        decode_output(json.dumps(json.loads(encode(ANSWER)) | change).encode())
 
 
 # --- lines

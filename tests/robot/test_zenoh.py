@@ -2,6 +2,7 @@
 for the loop.
 """
 
+import json
 import re
 import socket
 import subprocess
@@ -16,7 +17,7 @@ import pytest
 
 pytest.importorskip("zenoh")
 
-from nnpp_edge.robot.transports.wire import decode_output, encode
+from nnpp_edge.robot.transports.wire import encode
 from nnpp_edge.robot.transports.zenoh_io import LOOPBACK, ZenohLink, ZenohSink, ZenohSource
 from nnpp_edge.runtime import Goal, Ground, Loop, MapPatch, Navigator, Pose
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -58,7 +59,7 @@ class Peer:
         self._link.session.put(f"nnpp_edge/{topic}", payload, congestion_control=block)
 
     def of(self, topic):
-        return [decode_output(text) for key, text in self.heard if key == f"nnpp_edge/{topic}"]
+        return [json.loads(text) for key, text in self.heard if key == f"nnpp_edge/{topic}"]
 
 
 @pytest.fixture
@@ -116,17 +117,17 @@ def test_a_path_goes_to_and_fro_between_two_sessions_and_what_makes_no_sense_is_
         wait_until(lambda: len(peer.of("error")) == len(bad))
         peer.send("pose", '{"row":5,"col":5}')
         peer.send("goal", encode(Goal(35, 55)))
-        wait_until(lambda: peer.of("path")[-1].ok)
+        wait_until(lambda: peer.of("path")[-1]["path"])
         peer.send("patch", encode(MapPatch(10, 0, cost=np.full((1, 59), np.inf))))
-        wait_until(lambda: peer.of("path")[-1].map_version == 1)
+        wait_until(lambda: peer.of("path")[-1]["map_version"] == 1)
     finally:
         mailbox.close()
         thread.join(10.0)
-    assert [col for row, col in peer.of("path")[-1].path.tolist() if row == 10] == [59]
+    assert [col for row, col in peer.of("path")[-1]["path"] if row == 10] == [59]
     faults = peer.of("error")
-    assert [fault.count for fault in faults] == [1, 2, 3, 4, 5]
+    assert [fault["count"] for fault in faults] == [1, 2, 3, 4, 5]
     for _, _, words in bad:  # topics are heard in no certain order
-        assert sum(words in fault.error for fault in faults) == 1
+        assert sum(words in fault["error"] for fault in faults) == 1
     assert ended[0].counters.errors == {"input": 5}
     assert ended[0].counters.drops == {"zenoh": 0, "in-process": 0}
 
@@ -241,7 +242,7 @@ def test_it_may_go_to_another_instead_of_listening(link, navigator):
         sink = ZenohSink(other)
         message = navigator.tick()
         wait_until(lambda: sink.publish(message) or heard)
-    assert decode_output(heard[0]).outcome == "NO_POSE"
+    assert json.loads(heard[0])["outcome"] == "NO_POSE"
     subscriber.undeclare()
 
 

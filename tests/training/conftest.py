@@ -10,7 +10,8 @@ from nnpp_edge.model.registry import Spec
 from nnpp_edge.terrain.dataset import make_dataset, read_samples
 from nnpp_edge.terrain.shards import Recipe
 from nnpp_edge.training.checkpoint import load_checkpoint
-from nnpp_edge.training.train import TrainSettings, train
+from nnpp_edge.training.settings import TrainSettings
+from nnpp_edge.training.train import train
 
 RECIPE = Recipe((), maps=28, size=64, blocks=16, maps_per_shard=28, poolings=((1, 1.0),))
 SMALL = Spec("edge", 64, options={"widths": (16, 16, 16, 16), "stem": 16})

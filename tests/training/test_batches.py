@@ -11,7 +11,7 @@ from nnpp_edge.model.registry import Spec
 from nnpp_edge.terrain.known import KnownMaps
 from nnpp_edge.training import train as training
 from nnpp_edge.training.batches import POSITIONS, Batches, turned
-from nnpp_edge.training.checkpoint import TrainSettings
+from nnpp_edge.training.settings import TrainSettings
 from tests.training.conftest import SMALL, enlarged
 
 PAPERS = Spec("nnpp", 128, options={"width": 2})
@@ -52,9 +52,9 @@ def alike(one, other):
 def test_coarse_maps_are_turned_as_if_encoded_in_their_position(known):
     """The rises along rows and columns turn with the map."""
     batches = Batches(known, Spec("unseen", 16), TrainSettings(batch=40))
-    order = np.arange(len(known))[None]
+    order = np.arange(len(known))
     turns = np.sort(np.arange(len(known)) % POSITIONS)
-    maps, _, _ = batches.made(batches.held, order, order > 0, turns)
+    maps, _, _ = batches.made(order, order > 0, turns)
     for at, turn in enumerate(turns):
         heights = turned(torch.from_numpy(known.heights[at]), turn).numpy()
         wanted = np.empty(maps.shape[1:], np.float32)
@@ -63,25 +63,20 @@ def test_coarse_maps_are_turned_as_if_encoded_in_their_position(known):
         np.testing.assert_allclose(maps[at], wanted, atol=2e-6)
 
 
-@pytest.mark.parametrize("streamed", [False, True])
 def test_batches_and_what_a_network_is_shown_are_made_on_the_device_that_trains(
-    batches, monkeypatch, streamed
+    batches, monkeypatch
 ):
-    """On a device that holds no numbers, and refuses to mix its tensors with a CPU's; `streamed`
-    where it has no room for the maps.
-    """
+    """On a device that holds no numbers, and refuses to mix its tensors with a CPU's."""
     meta = torch.device("meta")
     pinned = []
     monkeypatch.setattr(torch.Tensor, "pin_memory", lambda self: pinned.append(self) or self)
-    if streamed:
-        monkeypatch.setattr(Batches, "_placed", lambda _, held: held)
     elsewhere = Batches(batches.samples, batches.spec, batches.settings, device=meta)
     maps, facts, targets = next(elsewhere.epoch(0))
     network = Network(batches.spec).to(meta)
     answers = network(*network.shown(maps, facts))
     assert {each.device for each in (maps, facts, targets, answers)} == {meta}
     assert answers.shape == targets.shape
-    assert bool(pinned) == streamed
+    assert pinned
 
 
 def test_the_eight_positions_differ():

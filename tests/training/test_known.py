@@ -12,7 +12,8 @@ from nnpp_edge.terrain.dataset import make_dataset, read_known, read_samples
 from nnpp_edge.terrain.known import CERTAIN, known_map
 from nnpp_edge.terrain.shards import Recipe
 from nnpp_edge.terrain.synthetic import synthetic_terrain
-from nnpp_edge.training.checkpoint import TrainSettings, load_checkpoint
+from nnpp_edge.training.checkpoint import load_checkpoint
+from nnpp_edge.training.settings import TrainSettings
 from nnpp_edge.training.train import train
 
 SMALL = Spec("unseen", input_size=32, options={"widths": (8, 8, 8)})

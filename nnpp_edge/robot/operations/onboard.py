@@ -57,17 +57,20 @@ def run(
         source = stack.enter_context(closing(entry.open(place, setup)))
         assert isinstance(source, Incoming)
         setup = setup._replace(source=source)
-        others = [
-            stack.enter_context(closing(entry.open(place, setup)))
-            for entry, place in [*wiring.sinks, *wiring.watchers]
+        opened = [
+            stack.enter_context(closing(entry.open(place, setup))) for entry, place in wiring.sinks
         ]
-        sinks = [each for each in others if isinstance(each, Sink)]
-        recorders = [each for each in others if isinstance(each, Recorder)]
-        for each in recorders:
-            if isinstance(each, RecordingFile):
-                report(f"recording: {each.path}")
-            if isinstance(each, McapLog):
-                report(f"log: {each.path}")
+        sinks: list[Sink] = [each for each in opened if isinstance(each, Sink)]
+        recorders: list[Recorder] = []
+        if wiring.record is not None:
+            recording = RecordingFile(wiring.record, navigator.map.shape)
+            recorders.append(stack.enter_context(closing(recording)))
+            report(f"recording: {recording.path}")
+        if wiring.log is not None:
+            log = stack.enter_context(closing(McapLog(wiring.log, navigator.map)))
+            recorders.append(log)
+            sinks.append(log)
+            report(f"log: {log.path}")
         recorded = RecordedSource(source, recorders, navigator.count_error, wait=wiring.fast)
         feed = stack.enter_context(closing(recorded))
 

@@ -53,12 +53,9 @@ class Notifier:
             self._send("WATCHDOG=1")
 
     def publish(self, message: Output) -> None:
-        """Of a status message a line for ``systemctl status``: unprintable characters become
-        blanks, at most 200.
-        """
+        """Of a status message a line of at most 200 characters for ``systemctl status``."""
         if isinstance(message, StatusMessage):
-            text = "".join(c if c.isprintable() else " " for c in message.text)
-            line = " ".join(text.split())
+            line = " ".join(message.text.split())
             self._send("STATUS=" + line[:_LONGEST_STATUS])
 
     def stopping(self) -> None:
@@ -83,10 +80,8 @@ class Notifier:
 
 def _watchdog_s() -> float | None:
     """The watchdog's time; None if there is no watchdog, or it watches another process."""
-    try:
-        watched = int(os.environ.get("WATCHDOG_PID") or os.getpid())
-        microseconds = int(os.environ.get("WATCHDOG_USEC") or 0)
-    except ValueError:
-        _LOG.warning("WATCHDOG_USEC and WATCHDOG_PID must be whole numbers")
+    own = str(os.getpid())
+    microseconds = os.environ.get("WATCHDOG_USEC", "")
+    if (os.environ.get("WATCHDOG_PID") or own) != own or not microseconds.isdecimal():
         return None
-    return 1e-6 * microseconds if microseconds > 0 and watched == os.getpid() else None
+    return 1e-6 * int(microseconds)

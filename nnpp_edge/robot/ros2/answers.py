@@ -66,11 +66,14 @@ class Outlet:
 
         def made() -> Ros:
             from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+            from std_msgs.msg import Header
 
+            stamp = self._node.get_clock().now().to_msg()
+            header = Header(stamp=stamp, frame_id=self._node.own.global_frame)
             status = DiagnosticStatus(name="nnpp_edge: planning", message=text)
             status.level = getattr(DiagnosticStatus, level)
             status.values = [KeyValue(key=name, value=str(value)) for name, value in values.items()]
-            return DiagnosticArray(header=self._header(), status=[status])
+            return DiagnosticArray(header=header, status=[status])
 
         self.show("/diagnostics", made)
 
@@ -95,9 +98,3 @@ class Outlet:
     def now_ns(self) -> int:
         """By the node's clock."""
         return self._node.get_clock().now().nanoseconds  # type: ignore[no-any-return]
-
-    def _header(self) -> Ros:
-        from std_msgs.msg import Header
-
-        stamp = self._node.get_clock().now().to_msg()
-        return Header(stamp=stamp, frame_id=self._node.own.global_frame)

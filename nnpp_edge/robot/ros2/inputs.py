@@ -58,6 +58,8 @@ class Listener:
     """
 
     def __init__(self, node: "PlannerNode") -> None:
+        from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
         self._node = node
         self._refused: dict[str, str] = {}
         """Why the newest message was refused, by topic; of those whose newest one was."""
@@ -68,7 +70,15 @@ class Listener:
         """The newest."""
         self._came = dict.fromkeys(("pose", "map"), time.monotonic())
         """When the newest one came."""
-        self._subscriptions = self._subscribe()
+        newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        special = {"odom": newest, "pose": newest, "map": latched}
+        self._subscriptions = []
+        for topic, kind in TOPICS.items():
+            if found := message_type(node, topic, kind):
+                hear = partial(self._hear, topic)
+                qos = special.get(topic, 10)
+                self._subscriptions.append(node.create_subscription(found, topic, hear, qos))
 
     @property
     def refused(self) -> str:
@@ -88,20 +98,6 @@ class Listener:
         """Listen no more."""
         for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
-
-    def _subscribe(self) -> list[Ros]:
-        from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-
-        newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        special = {"odom": newest, "pose": newest, "map": latched}
-        made = []
-        for topic, kind in TOPICS.items():
-            if found := message_type(self._node, topic, kind):
-                hear = partial(self._hear, topic)
-                qos = special.get(topic, 10)
-                made.append(self._node.create_subscription(found, topic, hear, qos))
-        return made
 
     def _hear(self, topic: str, message: Ros) -> None:
         """Convert a message, or refuse it: whatever it holds, the session goes on."""

@@ -20,10 +20,10 @@ class TransportEntry(NamedTuple):
     """The option that opens it, without hyphens."""
     form: str
     """How users write it: a name, and after a colon its place, in brackets where it may be left
-    out; or an option of its own.
+    out.
     """
     help: str
-    """A few words on it; or the help of its own option."""
+    """A few words on it."""
     kind: str
     """``file:Class``; its ``open(place, setup)`` makes one. Imported when it is opened, as it may
     need libraries that are not installed.
@@ -32,7 +32,7 @@ class TransportEntry(NamedTuple):
     @property
     def name(self) -> str:
         """The form without its place."""
-        return re.split(r"\[?:| ", self.form)[0]
+        return re.split(r"\[?:", self.form)[0]
 
     def takes(self, place: str) -> bool:
         """Whether this place, or none, may follow the name."""
@@ -41,13 +41,12 @@ class TransportEntry(NamedTuple):
         return (":" in self.form) == bool(place)
 
     def open(self, place: str, setup: "Setup") -> "Transport":
-        """Make the transport.
+        """Make the transport, an `Incoming` or a `Sink`.
 
         InvalidQueryError where the place makes no sense, OutputError where it cannot be written
         to, MissingExtraError without the transport's library.
         """
-        kind = resolve_name(f"{__name__}.{self.kind}")
-        transport: Transport = kind.open(place, setup)
+        transport: Transport = resolve_name(f"{__name__}.{self.kind}").open(place, setup)
         return transport
 
 
@@ -57,18 +56,6 @@ TRANSPORTS = (
     TransportEntry("input", "zenoh[:ENDPOINT]", "topics of Zenoh", "zenoh_io:ZenohSource"),
     TransportEntry("output", "stdout", "lines of JSON on standard output", "stdio:StdioSink"),
     TransportEntry("output", "zenoh[:ENDPOINT]", "topics of Zenoh", "zenoh_io:ZenohSink"),
-    TransportEntry(
-        "record",
-        "--record FILE",
-        "Write the inputs to this file, for replay; one that is there stays, and -2 is added.",
-        "recording:RecordingFile",
-    ),
-    TransportEntry(
-        "log",
-        "--log FILE",
-        "Write inputs and answers to this .mcap file, likewise.",
-        "mcap_log:McapLog",
-    ),
 )
 
 

@@ -19,7 +19,6 @@ from typing import IO
 import numpy as np
 
 from nnpp_edge.files import open_new
-from nnpp_edge.robot.transports.wiring import Setup
 from nnpp_edge.ros.maps import MapFrame, arc_poses
 from nnpp_edge.ros.messages import (
     definition,
@@ -93,10 +92,6 @@ class McapLog:
         self.path = Path(self._stream.name)
         with self._stopping_on_error():
             self._begin(self._stream)
-
-    @classmethod
-    def open(cls, place: str, setup: Setup) -> "McapLog":
-        return cls(Path(place), setup.navigator.map)
 
     def record(self, message: Input, at_s: float = 0.0) -> None:
         """Write an input. Never raises an OSError."""

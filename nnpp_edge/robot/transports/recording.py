@@ -24,7 +24,7 @@ from nnpp_edge.robot.transports.wire import (
     Record,
     WireError,
     as_input,
-    decoded_input,
+    decoded,
     encode,
 )
 from nnpp_edge.robot.transports.wiring import Setup
@@ -131,7 +131,7 @@ def read_recording(path: Path, shape: Shape | None = None) -> Generator[Timed, N
 
 def _read_line(line: bytes, shape: Shape | None, latest: float) -> Timed | None:
     """Time and input of a line; None for the head."""
-    record = decoded_input(line, _LINE, "a pose, goal or patch with its time", _LONGEST_LINE)
+    record = decoded(line, _LINE, "a pose, goal or patch with its time", _LONGEST_LINE)
     if isinstance(record, _Head):
         if shape is not None and record.map not in (None, shape):
             raise WireError(
@@ -162,10 +162,6 @@ class RecordingFile:
         head = {"v": VERSION, "type": "recording", "map": shape}
         with suppress(OSError):  # the disk is full: `record` will say so
             self._write(json.dumps(head).encode() + b"\n")
-
-    @classmethod
-    def open(cls, place: str, setup: Setup) -> "RecordingFile":
-        return cls(Path(place), setup.navigator.map.shape)
 
     def record(self, message: Input, at_s: float) -> None:
         """Write an input that came so many seconds after the begin; OSError once the disk has been

@@ -4,10 +4,9 @@ An input is taken whole or refused: unknown words, wrong types and values out of
 one line.
 """
 
-import math
 import re
 from dataclasses import dataclass
-from typing import Annotated, Literal, TypeVar, get_args
+from typing import Annotated, Literal, TypeVar
 
 import msgspec
 import numpy as np
@@ -15,7 +14,6 @@ import numpy as np
 from nnpp_edge.runtime import Goal, InvalidMessageError, MapPatch, PathMessage, Pose, StatusMessage
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.loop.messages import Input, Output
-from nnpp_edge.runtime.map.along import Line
 
 T = TypeVar("T")
 
@@ -86,9 +84,13 @@ _KINDS = {None: INPUT_RECORDS, "pose": PoseRecord, "goal": GoalRecord, "patch": 
 _INPUTS: dict[str | None, msgspec.json.Decoder[Record]] = {
     name: msgspec.json.Decoder(kind) for name, kind in _KINDS.items()
 }
-_OUTPUTS = {"path": PathMessage, "status": StatusMessage, "error": Fault}
-_NAMES = {Pose: "pose", Goal: "goal", MapPatch: "patch"} | {
-    kind: name for name, kind in _OUTPUTS.items()
+_NAMES = {
+    Pose: "pose",
+    Goal: "goal",
+    MapPatch: "patch",
+    PathMessage: "path",
+    StatusMessage: "status",
+    Fault: "error",
 }
 
 
@@ -121,57 +123,29 @@ def decode(payload: bytes, limit: int = LIMIT_BYTES, kind: str | None = None) ->
     range.
     """
     wanted = f"a {kind or 'pose, goal or patch'}"
-    return as_input(decoded_input(payload, _INPUTS[kind], wanted, limit))
-
-
-def decode_output(payload: bytes) -> Output | Fault:
-    """Read the answer that a message holds; for programs that listen to the loop. WireError as for
-    `decode`.
-
-    Words that no answer has are passed over, and so are a path's headings, which follow from its
-    cells.
-    """
-    wanted = "an answer of the loop"
-    fields = decoded(payload, msgspec.json.Decoder(dict[str, object]), wanted, LIMIT_BYTES)
-    kind = fields.get("type")
-    if not isinstance(kind, str) or kind not in _OUTPUTS or fields.get("v", VERSION) != VERSION:
-        allowed = f"its type must be {', '.join(_OUTPUTS)}, and its version {VERSION}"
-        raise _refused(wanted, payload, allowed)
-    for name in ("cost", "lower_bound", "line_cost"):
-        if name in fields and fields[name] is None:
-            fields[name] = math.inf
-    try:
-        output: Output | Fault = msgspec.convert(fields, _OUTPUTS[kind], dec_hook=_as_places)
-    except (ValueError, OverflowError) as error:
-        raise _refused(wanted, payload, error) from None
-    return output
+    return as_input(decoded(payload, _INPUTS[kind], wanted, limit))
 
 
 def decoded(payload: bytes, decoder: msgspec.json.Decoder[T], wanted: str, limit: int) -> T:
-    """A decoder's result for a message of at most `limit` bytes; WireError says what was wanted and
-    what came.
+    """A decoder's result for an input of at most `limit` bytes, of which at most `JSON_BYTES` are
+    left without a patch's base64; WireError says what was wanted and what came.
     """
     if len(payload) > limit:
         raise WireError(f"wanted a message of at most {limit} bytes, got {len(payload)}")
-    try:
-        return decoder.decode(payload)
-    except (ValueError, RecursionError) as error:
-        raise _refused(wanted, payload, error) from None
-
-
-def decoded_input(payload: bytes, decoder: msgspec.json.Decoder[T], wanted: str, limit: int) -> T:
-    """As `decoded`, for inputs: a WireError too if more than `JSON_BYTES` are left without a
-    patch's base64.
-    """
-    if JSON_BYTES < len(payload) <= limit:
+    if len(payload) > JSON_BYTES:
         rest = len(payload)
         opening = _OPENING.search(payload, 0, JSON_BYTES)
         if opening:
             rest -= max(payload.find(b'"', opening.end()) - opening.end(), 0)
         if rest > JSON_BYTES:
-            wanted = f"at most {JSON_BYTES} bytes outside a patch's base64 values (float32)"
-            raise WireError(f"wanted {wanted}, got {rest}")
-    return decoded(payload, decoder, wanted, limit)
+            raise WireError(
+                f"wanted at most {JSON_BYTES} bytes outside a patch's base64 values (float32), got "
+                f"{rest}"
+            )
+    try:
+        return decoder.decode(payload)
+    except (ValueError, RecursionError) as error:
+        raise _refused(wanted, payload, error) from None
 
 
 def as_input(record: Record) -> Input:
@@ -199,13 +173,6 @@ def _plain(value: object) -> object:
 _ENCODER = msgspec.json.Encoder(enc_hook=_plain)
 
 
-def _as_places(kind: object, places: list[list[float]]) -> Line:
-    """A path's cells, or way points."""
-    if np.dtype[np.float64] in get_args(kind):
-        return np.asarray(places, np.float64).reshape(-1, 2)
-    return np.asarray(places, np.int32).reshape(-1, 2)
-
-
 def _values(name: str, given: list[list[float | None]] | Packed | None) -> Float2D | None:
     """The cells of a patch."""
     if given is None:
@@ -227,7 +194,7 @@ def _values(name: str, given: list[list[float | None]] | Packed | None) -> Float
         return np.array(given, np.float64).astype(np.float32)  # None becomes NaN
 
 
-def _refused(wanted: str, payload: bytes, reason: Exception | str) -> WireError:
+def _refused(wanted: str, payload: bytes, reason: Exception) -> WireError:
     """The error for a message, in one line."""
     excerpt = repr(payload[:_EXCERPT])[1:]
     if len(payload) > _EXCERPT:

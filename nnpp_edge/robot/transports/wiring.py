@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
-from nnpp_edge.robot.transports import TRANSPORTS, TransportEntry, entries, find
+from nnpp_edge.robot.transports import TransportEntry, entries, find
 from nnpp_edge.runtime.errors import InvalidQueryError
 
 if TYPE_CHECKING:
@@ -13,7 +13,6 @@ if TYPE_CHECKING:
 
 STDOUT = "stdout"
 NONE = "none"
-_HELP = {entry.option: entry.help for entry in TRANSPORTS}
 
 
 def _forms(option: str) -> str:
@@ -48,8 +47,11 @@ class Wiring:
         {"metavar": "ENDPOINT"},
         "Connect to this router or peer instead of listening.",
     ] = None
-    record: Annotated[Path | None, _HELP["record"]] = None
-    log: Annotated[Path | None, _HELP["log"]] = None
+    record: Annotated[
+        Path | None,
+        "Write the inputs to this file, for replay; one that is there stays, and -2 is added.",
+    ] = None
+    log: Annotated[Path | None, "Write inputs and answers to this .mcap file, likewise."] = None
 
     def __post_init__(self) -> None:
         name = self.source[0].name
@@ -73,21 +75,11 @@ class Wiring:
 
     @property
     def sinks(self) -> list[tuple[TransportEntry, str]]:
-        """The transports that answers go by, without those that only watch."""
+        """The transports that answers go by."""
         if self.outputs:
             return [find("output", words) for words in self.outputs if words != NONE]
         back = [entry for entry in entries("output") if entry.name == self.source[0].name]
         return [(back[0], "") if back else find("output", STDOUT)]
-
-    @property
-    def watchers(self) -> list[tuple[TransportEntry, str]]:
-        """The transports that have an option of their own, where it is given."""
-        found = []
-        for option in ("record", "log"):
-            place = getattr(self, option)
-            if place is not None:
-                found += [(entry, str(place)) for entry in entries(option)]
-        return found
 
 
 class Setup(NamedTuple):
