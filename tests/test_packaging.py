@@ -100,7 +100,7 @@ def test_help_and_the_list_of_models_import_nothing_heavy():
     helps = [["--help"], *([name, "--help"] for name in COMMANDS)]
     heavy = TRAINING | {"numba", "onnxruntime", "cv2"}
     for calls, more in (
-        (helps, {"numpy", "jinja2"}),
+        (helps, {"numpy", "rich", "jinja2"}),
         ([["models", "--json"], ["models", "edge"]], set()),
     ):
         code = (

@@ -1,8 +1,8 @@
 """Answers in text: lines with a name each, and tables of rows."""
 
+import io
 import json
 from collections.abc import Callable, Mapping, Sequence
-from itertools import zip_longest
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -18,6 +18,8 @@ Columns = dict[str, Column]
 """By title a key, or keys of inner tables joined by dots, and after a space the form for `shown`;
 or a function.
 """
+_PLACE = ("workload", "size")
+"""A rule is drawn above a row where one of these changes."""
 
 
 def tell(
@@ -48,15 +50,23 @@ def table(rows: Sequence[Row], shown_as: Columns, *, markdown: bool = False) -> 
     body = [[_cell(row, column) for column in shown_as.values()] for row in rows]
     if markdown:
         return markdown_table(list(shown_as), body)
-    titles = [title.split("\n") for title in shown_as]
-    head = list(zip_longest(*titles, fillvalue=""))
-    forms = []
-    for at, cells in enumerate(zip(*head, *body, strict=True)):
-        side = "<" if at < 3 else ">"
-        forms.append(f"{side}{max(map(len, cells))}")
-    lines = ["  ".join(map(format, cells, forms)).rstrip() for cells in [*head, *body]]
-    lines.insert(len(head), "─" * max(map(len, lines)))
-    return "\n".join(lines)
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    grid = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    place = list[object]()
+    for at, title in enumerate(shown_as):
+        grid.add_column(title, justify="left" if at < 3 else "right", no_wrap=True)
+    for row, cells in zip(rows, body, strict=True):
+        before = place
+        place = [row.get(key) for key in _PLACE]
+        if before not in ([], place):
+            grid.add_section()
+        grid.add_row(*cells)
+    console = Console(file=(out := io.StringIO()), width=200, markup=False, emoji=False)
+    console.print(grid)
+    return "\n".join(line.rstrip() for line in out.getvalue().splitlines()).strip("\n")
 
 
 def _cell(row: Row, column: Column) -> str:
