@@ -31,24 +31,36 @@ def ignore(*_: object) -> None:
 
 
 @contextmanager
-def bar(what: str, total: int) -> Iterator[Advance]:
-    """Show a progress bar on stderr; the value is a function to call with how much is done. It is
-    drawn only then: no thread of its own takes time from what is measured.
+def bar(what: str, total: int, *, quiet: bool = False) -> Iterator[Advance]:
+    """Show a progress bar on stderr; the value is a function to call with how much is done.
+
+    A quiet one is drawn only then: no thread of its own takes time from what is measured.
     """
     if not sys.stderr.isatty():
         yield _lines(what, max(total, 1))
         return
-    made = click.progressbar(
-        length=total,
-        label=what,
-        show_pos=total != THOUSANDTHS,
-        item_show_func=lambda words: words,
-        file=sys.stderr,
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TaskProgressColumn,
+        TextColumn,
+        TimeRemainingColumn,
     )
-    with made as drawn:
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TaskProgressColumn() if total == THOUSANDTHS else MofNCompleteColumn(),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[words]}"),
+    )
+    with Progress(*columns, console=Console(stderr=True), auto_refresh=not quiet) as progress:
+        task = progress.add_task(what, total=total, words="")
 
         def advance(done: int, words: str = "", /) -> None:
-            drawn.update(done - drawn.pos, words)
+            progress.update(task, completed=done, words=words, refresh=quiet)
 
         yield advance
 

@@ -196,7 +196,7 @@ def _profile(name: str, asked: ProfileOptions) -> int:
     changes = {key: getattr(asked, key) for key in names}
     terrain = tuple(map(str, asked.terrain)) or None
     profile, notes = overridden(profile, terrain=terrain, **changes)
-    with bar("profile", queries_in(profile.load)) as advance:
+    with bar("profile", queries_in(profile.load), quiet=True) as advance:
         report = profile_machine(
             profile,
             notes=notes,

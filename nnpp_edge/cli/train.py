@@ -72,7 +72,7 @@ def command(
     unseen = preset.encoding == "unseen"
     judged_on = read_known(validation) if unseen else read_samples(validation)
     training = read_known(dataset) if unseen else read_samples(dataset, size=size)
-    with bar("train", THOUSANDTHS) as advance:
+    with bar("train", THOUSANDTHS, quiet=True) as advance:
         best = train(
             replace(preset, input_size=size),
             TrainSettings(

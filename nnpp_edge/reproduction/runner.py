@@ -110,7 +110,7 @@ def reproduce(
             "machine": _machine(),
         }
         exercise()  # no kernel is compiled or loaded while the clock runs
-        with bar(name, THOUSANDTHS) as advance:
+        with bar(name, THOUSANDTHS, quiet=True) as advance:
             context = Context(dems, seed, networks, advance)
             rows = Rows(experiment.measure(context, **settings))
         everything = experiment.beside(rows)
