@@ -3,6 +3,7 @@
 import multiprocessing
 import os
 import signal
+import warnings
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -21,7 +22,7 @@ from nnpp_edge.runtime.errors import DataSetError
 from nnpp_edge.runtime.network.unseen import ANSWERS
 from nnpp_edge.runtime.reading import refused_as
 from nnpp_edge.terrain.known import KnownMaps
-from nnpp_edge.terrain.shards import Recipe, Tiles, read_terrain, shard_content
+from nnpp_edge.terrain.shards import Recipe, Tiles, poolings, read_terrain, shard_content
 
 FORMAT = "nnpp-edge-dataset-1"
 RECIPE_FILE = "dataset.json"
@@ -108,6 +109,13 @@ def make_dataset(
     """
     missing = [i for i in range(recipe.shards) if not _shard_path(folder, i).exists()]
     tiles = read_terrain(recipe) if missing else []
+    fitting = poolings(recipe, tiles)
+    large = [f"{recipe.size * each[0]}²" for each in recipe.poolings if each not in fitting]
+    if large:
+        warnings.warn(
+            f"the terrain has no room for maps of {' and '.join(large)} cells: they are left out",
+            stacklevel=2,
+        )
     make_folder(folder)
     path = folder / RECIPE_FILE
     begun = path.exists() and any(folder.glob("shard-*.npz"))

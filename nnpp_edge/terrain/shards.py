@@ -146,11 +146,15 @@ def read_terrain(recipe: Recipe) -> list[Dem]:
     for name in recipe.terrain:
         dem = stripe_of(read_dem(name, recipe.cell_size_m), recipe.stripe)
         rows, cols = dem.shape
-        if min(rows, cols) < least:
+        side = min(rows, cols)
+        if side < least:
+            option = "--known" if recipe.known else "--size"
+            fits = side // recipe.size if recipe.known else side // _SIZE_STEP * _SIZE_STEP
+            hint = f": {option} {fits} is the largest that fits" if fits else ""
             stripe = "" if recipe.stripe == _WHOLE else " in the stripe that is used"
             raise DataSetError(
                 f"{dem.source}: wanted at least {least} cells on the shorter side{stripe}, got "
-                f"{rows} × {cols}: ask for smaller maps by --size or --known"
+                f"{rows} × {cols}{hint}"
             )
         tiles.append(dem)
     return tiles
