@@ -81,7 +81,7 @@ def command(
     from nnpp_edge.simulation.scene import SimulationSettings
     from nnpp_edge.simulation.simulate import random_drive, simulate
     from nnpp_edge.terrain.dem import sample_path
-    from nnpp_edge.viz.picture import png_bytes
+    from nnpp_edge.viz.picture import encoded
 
     rescale = robot.rescale
     robot = replace(robot, rescale=None)  # the ground is shrunk itself
@@ -133,7 +133,7 @@ def command(
             raise InvalidQueryError(f"{error}, {place}") from None
     files = [str(sink.path) for sink in sinks if isinstance(sink, McapLog)]
     if picture is not None:
-        write_whole(picture, film.gif() if film else png_bytes(drive_picture(ground, drive)))
+        write_whole(picture, film.gif() if film else encoded(drive_picture(ground, drive)))
         files.append(str(picture))
     result = drive.summary() | {"row": row, "col": col, "rows": rows, "cols": cols, "files": files}
     for name, cell in (("start", drive.start), ("goal", drive.goal)):

@@ -9,9 +9,11 @@ from nnpp_edge.reproduction.regions import NETWORK, best_path
 from nnpp_edge.reproduction.table import written
 from nnpp_edge.viz.figures import Curve, Panel, chart
 from nnpp_edge.viz.palette import GOAL, GRID, OPTIMUM, PATH, REGION
-from nnpp_edge.viz.picture import Chart, Drawn, Tint
+from nnpp_edge.viz.picture import MapDrawing
+from nnpp_edge.viz.relief import Chart
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 PAPER_GREY = "#7f7f7f"
@@ -66,13 +68,15 @@ def scene(title: str, here: OneMap, before: OneMap | None = None) -> Panel:
     """
     region = here.regions[NETWORK]
     path = best_path(here.grid, here.query, region).path
-    lines = [
-        Drawn(path, PATH, 5.0, "path in the region"),
-        Drawn(here.optimum.path, OPTIMUM, 1.2, "exact optimum"),
-    ]
-    tints = [Tint(region.mask(), 0.4, REGION, "region")]
-    if before is not None:
-        lines.insert(0, Drawn(before.optimum.path, GRID, 3.0, "path before"))
-        tints.append(Tint(here.cost != before.cost, 0.6, GOAL, "changed"))
-    picture = Chart(here.cost).picture(*here.query, lines=lines, tints=tints)
-    return Panel(title, (), image=picture[..., ::-1])  # from OpenCV's order of colours
+
+    def draw(axes: "Axes") -> None:
+        drawing = MapDrawing(Chart(here.cost), axes=axes)
+        drawing.tint(region.mask(), 0.4, REGION, "region")
+        if before is not None:
+            drawing.tint(here.cost != before.cost, 0.6, GOAL, "changed")
+            drawing.line(before.optimum.path, GRID, 1.5, "path before")
+        drawing.line(path, PATH, 2.5, "path in the region")
+        drawing.line(here.optimum.path, OPTIMUM, 0.8, "exact optimum", None)
+        drawing.ends(*here.query)
+
+    return Panel(title, (), draw=draw)

@@ -1,6 +1,5 @@
-"""Pictures with matplotlib: the plots of a profile's page, and what all figures share."""
+"""Figures of panels: the plots of a profile's page, and those of experiments."""
 
-import io
 from base64 import b64encode
 from collections.abc import Callable, Iterator, Sequence
 from importlib.resources import files
@@ -12,11 +11,13 @@ from nnpp_edge.profiling.inference import int8_in_words
 from nnpp_edge.profiling.judge import IN_WORDS, measured, place, wanted
 from nnpp_edge.profiling.rows import Facts
 from nnpp_edge.progress import shown, with_unit
-from nnpp_edge.runtime.arrays import Floats, UInt8
+from nnpp_edge.runtime.arrays import Floats
 from nnpp_edge.runtime.errors import optional_module
+from nnpp_edge.viz.picture import encoded
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _TEMPLATE = "profile.html.j2"
@@ -44,8 +45,8 @@ class Panel(NamedTuple):
     y: str = ""
     log: str = ""
     """The axes that are logarithmic."""
-    image: UInt8 | None = None
-    """(H, W, 3) uint8 of a map, in place of curves."""
+    draw: "Callable[[Axes], object] | None" = None
+    """Draws a map, in place of curves."""
 
 
 def chart(lines: Sequence[Sequence[Panel]], wide: float = 5.8) -> "Figure":
@@ -63,32 +64,24 @@ def chart(lines: Sequence[Sequence[Panel]], wide: float = 5.8) -> "Figure":
         for axes in places[len(line) :]:
             axes.set_visible(False)
         for axes, panel in zip(places, line, strict=False):
-            axes.set_title(panel.title, fontsize="medium" if panel.image is None else "small")
+            axes.set_title(panel.title, fontsize="medium")
             axes.set(xlabel=panel.x, ylabel=panel.y, axisbelow=True)
-            if panel.image is None:
+            if panel.draw is None:
                 axes.grid(alpha=0.25)
             else:
-                axes.imshow(panel.image, interpolation="nearest")
-                axes.set(xticks=[], yticks=[])
+                panel.draw(axes)
             for axis in panel.log:
                 axes.set(**{f"{axis}scale": "log"})
             for x, y, style, label, colour, width in panel.curves:
                 (drawn,) = axes.plot(x, y, style, color=colour, linewidth=width, markersize=4)
                 drawn.set_solid_capstyle("butt")
-                if label:
-                    legend.setdefault(label, drawn)
+            handles, labels = axes.get_legend_handles_labels()
+            legend = dict(zip(labels, handles, strict=True)) | legend
     if legend:
         figure.legend(
             [*legend.values()], [*legend], loc="outside lower center", ncols=4, frameon=False
         )
     return figure
-
-
-def encoded(figure: "Figure", dpi: int = 110) -> bytes:
-    """The figure as PNG."""
-    content = io.BytesIO()
-    figure.savefig(content, format="png", dpi=dpi)
-    return content.getvalue()
 
 
 def page(report: Facts) -> str:

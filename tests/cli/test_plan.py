@@ -304,6 +304,20 @@ def test_who_gave_a_wrong_place_does_not_wait(run, hills, monkeypatch):
     assert not Path("out").exists()
 
 
+def test_without_matplotlib_all_but_the_picture_is_written(run, hills, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    for words, picture, beside in (
+        (f"{EXACT} -o out", "out/plan.png", "out/plan.json"),
+        ("reach hills.tif --start 5,5 --within-cost 9 -o area", "area/reach.png", "area/reach.tif"),
+        ("costmap hills.npz -o cost.npy", "cost.png", "cost.npy"),
+    ):
+        ended = run(words)
+        assert ended.code == 0 and Path(beside).exists() and not Path(picture).exists()
+        warned = f"warning: no picture is drawn: {Path(picture).name} needs matplotlib: pip install"
+        assert warned in ended.err and picture not in ended.out
+    run("simulate --picture drive.png").refused("--picture needs matplotlib: pip install")
+
+
 def test_what_is_likely_is_said_where_more_is_not_proven(run, hills):
     words = f"plan hills.npz {ENDS} --method corridor"
     assert "likely within 2 % of the optimum, proven to be at most" in run(words).out

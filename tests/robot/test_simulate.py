@@ -20,6 +20,7 @@ from nnpp_edge.runtime import (
 )
 from nnpp_edge.runtime.cells import slices
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
+from nnpp_edge.simulation.drive_picture import drive_picture
 from nnpp_edge.simulation.ground import SurveyedGround
 from nnpp_edge.simulation.part import part_of_map
 from nnpp_edge.simulation.scene import Scene, SimulationSettings, walkable
@@ -29,7 +30,7 @@ from nnpp_edge.terrain.obstacles import Obstacles
 from nnpp_edge.terrain.rocks import with_rocks
 from nnpp_edge.terrain.synthetic import synthetic_terrain
 from nnpp_edge.terrain.vehicle_files import load_mobility, load_vehicle
-from nnpp_edge.viz.sheet import BODY as BODY_COLOUR
+from nnpp_edge.viz.palette import DRIVEN, SEEN, START, rgb
 from tests import pose_oracles
 from tests.fuzz import bodies
 from tests.tables import cases
@@ -215,6 +216,9 @@ def test_the_robot_reaches_its_goal_and_no_path_was_forbidden(grounds, kind, met
     assert best * (1 - 1e-6) <= drive.driven_cost < math.inf
     assert drive.excess == pytest.approx(drive.driven_cost / best - 1.0)
     json.dumps(drive.summary())
+    drawn = {line.get_label(): line for line in drive_picture(ground, drive).axes[0].lines}
+    np.testing.assert_array_equal(drawn["driven"].get_xydata()[:, ::-1], drive.driven)
+    assert ("vehicle" in drawn) == (kind in ("body", "car"))
 
 
 @pytest.mark.parametrize(
@@ -341,14 +345,15 @@ def test_the_command_drives_a_body_writes_draws_and_tells(nnpp_edge, tmp_path):
     assert topics.count("/answer") == topics.count("/pose") == told["ticks"]
     with image.open(film) as frames:
         assert 1 < frames.n_frames <= 81
+        frames.seek(frames.n_frames - 1)
+        last = np.asarray(frames.convert("RGB"))
+        assert all((last == rgb(colour)).all(-1).sum() > 50 for colour in (DRIVEN, SEEN, START))
     ended = nnpp_edge(*words, "--ticks", 9, "--rate", 60, "--picture", still)
     assert ended.code == 1
     place = f"48 × 48 cells of moon_highlands.npz, from cell ({told['row']}, {told['col']}) on"
     assert "GOAL NOT REACHED" in ended.out and "9:" in ended.out and place in ended.out
     with image.open(still) as picture:
-        assert min(picture.size) > 300
-        of_body = (np.asarray(picture) == BODY_COLOUR[::-1]).all(-1)
-        assert of_body.sum() > 100
+        assert min(picture.size) > 800
 
 
 def test_both_ends_lie_well_inside_the_part_that_is_cut_out_and_are_named_as_in_the_file(
