@@ -116,6 +116,7 @@ class MapDrawing:
             words = REFUSED[0][1]
         self._layer(np.dstack((ground, np.where(unknown, 0, 255))))
         axes.set(xticks=[], yticks=[], autoscale_on=False)
+        axes.grid(visible=False)
         shut = ~(self._shown(chart.cost) < 1.0)
         self._passable = ~(shut | unknown)
         if unknown.any():
