@@ -192,7 +192,7 @@ def plan_on(
             goal=goal,
             via=stops[1:-1],
             reference_path=reference,
-            outlines=body_outlines(plan.line, body, ground.sides_m, headings) if body else (),
+            outlines=body_outlines(plan.line, body, ground.sides_m, headings),
             refused=refused_on(planner),
             point_path=beside,
             reached=ended,

@@ -38,8 +38,8 @@ def command(
         int,
         click.IntRange(16, options.MOST),
         (
-            "Side of the part of the map that is driven on; the seed picks one, which holds "
-            "--start and --goal."
+            "Side of the part of the map that is driven on, around --start and --goal, or where "
+            "the seed puts it."
         ),
     ] = 256,
     start: Start | None = None,

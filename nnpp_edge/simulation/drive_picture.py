@@ -6,10 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from nnpp_edge.runtime.arrays import Float2D, Floats
+from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.errors import InvalidQueryError, optional_module
 from nnpp_edge.runtime.loop.messages import PathMessage
-from nnpp_edge.runtime.map.along import Line
 from nnpp_edge.simulation.ground import SurveyedGround
 from nnpp_edge.simulation.scene import Scene
 from nnpp_edge.simulation.simulate import DriveOutcome
@@ -62,7 +61,8 @@ def drive_picture(ground: SurveyedGround, drive: DriveOutcome) -> "Figure":
     )
     drawing.line(drive.driven, DRIVEN, 4.0, "driven")
     drawing.line(drive.optimal, OPTIMUM, 0.9, "optimum, with all known", None)
-    drawing.bodies(_bodies(ground, drive.driven))
+    robot = ground.ground
+    drawing.bodies(body_outlines(drive.driven, robot.vehicle, robot.sides_m))
     drawing.ends(drive.start, drive.goal)
 
     costs = f"cost {drive.driven_cost:.4g}, optimum {drive.optimal_cost:.4g}"
@@ -132,21 +132,15 @@ def _frame(scene: Scene, message: PathMessage) -> bytes:
     drawing.line(view, SEEN, 2.0, "seen")
     drawing.line(message.path, PATH, 2.8, "planned")
     drawing.line(driven, DRIVEN, 2.8, "driven")
-    drawing.bodies(_bodies(scene.ground, message.path, message.headings_deg))
+    robot = scene.ground.ground
+    outlines = body_outlines(message.path, robot.vehicle, robot.sides_m, message.headings_deg)
+    drawing.bodies(outlines)
     drawing.ends(scene.robot, scene.goal, "robot")
 
     # all frames have the same margins
     figure = drawing.finish()
     width, height = figure.get_size_inches()
     return encoded(figure, box=Bbox.from_extents(-0.2, -1.0, width + 0.8, height + 0.3))
-
-
-def _bodies(ground: SurveyedGround, path: Line, headings_deg: Line | None = None) -> list[Floats]:
-    """As `body_outlines`; none of a point."""
-    vehicle = ground.ground.vehicle
-    if vehicle is None:
-        return []
-    return body_outlines(path, vehicle, ground.ground.sides_m, headings_deg)
 
 
 def _palette(image: "Image") -> "Image":

@@ -369,17 +369,18 @@ def reach_picture(
 
 def body_outlines(
     path: Line,
-    vehicle: Vehicle,
+    vehicle: Vehicle | None,
     sides_m: Sides,
     headings_deg: Line | None = None,
 ) -> list[Floats]:
     """(N, 2) the body's outline, rows and columns, and a line from its front to its middle, all
     along a path.
 
-    One at every second body length, at most a hundred; none for a path of less than two cells. Its
-    headings (N,), in degrees clockwise from up the rows, are by default those to the next place.
+    One at every second body length, at most a hundred; none of a point, nor for a path of less than
+    two cells. Its headings (N,), in degrees clockwise from up the rows, are by default those to the
+    next place.
     """
-    if len(path) < 2 or not vehicle.reach_m:
+    if vehicle is None or not vehicle.reach_m or len(path) < 2:
         return []
     steps = np.diff(path, axis=0) * sides_m
     along = np.concatenate(([0.0], np.cumsum(np.hypot(*steps.T))))
