@@ -3,10 +3,7 @@ lines.
 """
 
 import csv
-import json
 import math
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,7 +20,7 @@ from nnpp_edge.runtime.robots.body.primitives import sharpest_m
 from nnpp_edge.terrain.facts import duration, work
 from nnpp_edge.terrain.vehicle_files import load_mobility, load_vehicle
 from nnpp_edge.viz.picture import plan_picture
-from tests.cli.grounds import BODY, ENDS, GRID, PLACE, rolling, with_a_hill, written
+from tests.cli.grounds import BODY, ENDS, GRID, PLACE, with_a_hill, written
 
 PLAN = f"plan hills.tif {ENDS}"
 MINE = "length_m = 2.2\nwidth_m = 1.6\nclearance_m = 0.4\nmax_step_m = 0.3\n"
@@ -293,19 +290,3 @@ def test_a_radius_that_no_arc_between_cells_has_is_warned_of(run, hills):
     )
     assert 6.0 < sharpest_m(6.0, (1.5, 1.5)) < 6.6
     assert "arcs that" not in run(words.format(8)).err
-
-
-def test_the_loop_tells_way_points_where_it_is_asked_for_them(run):
-    np.savez("ground.npz", elevation=rolling(48, 60), cell_size_m=2.0)
-    goal = '{"at": 0.0, "v": 1, "type": "goal", "row": 40, "col": 52}'
-    pose = '{"at": 0.0, "v": 1, "type": "pose", "row": 3, "col": 4}'
-    Path("drive.jsonl").write_text(f"{goal}\n{pose}\n")
-    words = (
-        "-m nnpp_edge.cli.main run --map ground.npz --input replay:drive.jsonl --fast "
-        "--method astar --set radius_m=2 --loop refine=any-angle"
-    )
-    command = [sys.executable, *words.split()]
-    ended = subprocess.run(command, capture_output=True, text=True, check=True)
-    told = [json.loads(line) for line in ended.stdout.splitlines()]
-    ends = [each["waypoints"][-1] for each in told if each.get("outcome") == "OK"]
-    assert ends and all(end == [40, 52] for end in ends)
