@@ -16,7 +16,8 @@ from nnpp_edge.runtime import Traversability
 from nnpp_edge.runtime.terrain.traversability import traversability_cost
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.facts import metres
-from nnpp_edge.viz.palette import GOAL, INK, PAPER, PATH, START, UNKNOWN
+from nnpp_edge.viz.palette import GOAL, INK, PATH, START
+from nnpp_edge.viz.picture import MapDrawing
 from nnpp_edge.viz.relief import Chart
 
 TEXT = 17
@@ -40,14 +41,7 @@ def relief(
     size, width = dem.cell_size_m, dem.cell_width_m
     limits = limits or Traversability.safe()
     cost = traversability_cost(dem.elevation, size, limits, cell_width_m=width, warn=False)
-    unknown = np.isnan(dem.elevation)
-    chart = Chart(np.where(unknown, 0.0, cost), dem.elevation, (size, width))
-    axes.imshow(np.dstack((chart.ground(chart.whole), np.where(unknown, 0, 255))))
-    if unknown.any():
-        stripes = {"facecolor": PAPER, "edgecolor": UNKNOWN, "hatch": "//"}
-        axes.patch.set(**stripes)
-        axes.fill([], [], label="unknown", **stripes)
-    axes.set(xticks=[], yticks=[])
+    MapDrawing(Chart(cost, dem.elevation, (size, width)), axes=axes)
     axes.set_title(title, fontsize=TEXT)
     right = bar_m / width
     down = ScaledTranslation(0.0, -0.15, axes.get_figure().dpi_scale_trans)

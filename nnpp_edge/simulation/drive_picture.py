@@ -17,6 +17,7 @@ from nnpp_edge.viz.palette import (
     BODY,
     DRIVEN,
     GOAL,
+    IMPASSABLE,
     INK,
     OPTIMUM,
     PAPER,
@@ -26,7 +27,7 @@ from nnpp_edge.viz.palette import (
     rgb,
 )
 from nnpp_edge.viz.picture import MapDrawing, body_outlines, encoded
-from nnpp_edge.viz.relief import Chart, cost_picture
+from nnpp_edge.viz.relief import Chart
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -148,8 +149,7 @@ def _palette(image: "Image") -> "Image":
     from PIL import Image
 
     ground = image.quantize(_GROUND_COLOURS).getpalette() or []
-    shut = cost_picture(np.ones((1, 1), np.float32)).ravel().tolist()
-    drawn = (INK, PAPER, PATH, BODY, DRIVEN, SEEN, GOAL, START)
+    drawn = (INK, IMPASSABLE, PAPER, PATH, BODY, DRIVEN, SEEN, GOAL, START)
     palette = Image.new("P", (1, 1))
-    palette.putpalette([*ground, *shut, *(value for colour in drawn for value in rgb(colour))])
+    palette.putpalette([*ground, *(value for colour in drawn for value in rgb(colour))])
     return palette

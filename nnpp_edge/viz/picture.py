@@ -1,12 +1,13 @@
 """Pictures of plans and of what can be reached, with matplotlib (the extra `viz`).
 
-Under everything lies the ground (`relief`), striped where it is unknown.
+Under everything lies the relief, browner where a cell costs more; impassable cells are dark,
+unknown ones striped.
 """
 
 import io
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,7 @@ from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.terrain.facts import metres
 from nnpp_edge.viz.palette import (
     BODY,
+    COST,
     ENDED,
     GOAL,
     GRID,
@@ -38,22 +40,26 @@ from nnpp_edge.viz.palette import (
     UNKNOWN,
     rgb,
 )
-from nnpp_edge.viz.relief import Chart, Shade, cost_picture
+from nnpp_edge.viz.relief import FLAT, Chart, Shade, hillshade
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.image import AxesImage
 
 T = TypeVar("T", bound=np.generic)
 
 MOST_SHOWN = 1 << 20
 """Cells of a map whose poses are all checked for a picture, a tenth of a second."""
+_DEAR = 0.65
 _NO_STAND = 0.75
 _BAND = 0.5
 _TINT = 0.3
-"""How strongly cells are coloured where a vehicle stands in no heading, bands of what can be
-reached, and regions.
+"""How strongly cells are coloured where they cost most, where a vehicle stands in no heading, bands
+of what can be reached, and regions.
 """
+_SHADES = 16
+"""Of the relief, and of the costs on it: more are hardly seen, and make a file larger."""
 _MOST_CELLS = 2000
 """Of a side that is drawn: of one twice as long every second cell, and so on."""
 _DPI = 100
@@ -93,6 +99,8 @@ class MapDrawing:
         inches: float = _INCHES,
     ) -> None:
         kinds = optional_module("matplotlib.figure", "a picture", "viz")
+        from matplotlib.colors import LinearSegmentedColormap, to_rgba
+
         self._chart = chart
         self._part = row, col, rows, cols = chart.around(places) if places else chart.whole
         self._step = step = max(max(rows, cols) // _MOST_CELLS, 1)
@@ -104,8 +112,8 @@ class MapDrawing:
         self.axes = axes
 
         # the ground, which lets stripes be seen where it is unknown
-        ground = chart.ground(self._part, step)
-        rows, cols = ground.shape[:2]
+        cost = self._shown(chart.cost)
+        rows, cols = cost.shape
         right = col + cols * step
         bottom = row + rows * step
         self._extent = (col - 0.5, right - 0.5, bottom - 0.5, row - 0.5)
@@ -114,10 +122,22 @@ class MapDrawing:
         if unseen is not None and unseen.any():
             unknown = unknown | self._shown(unseen)
             words = REFUSED[0][1]
-        self._layer(np.dstack((ground, np.where(unknown, 0, 255))))
+        shut = ~(cost < 1.0)
+        shade = np.full(cost.shape, FLAT, np.uint8)
+        if chart.elevation is not None:
+            height, width = chart.sides_m or (1.0, 1.0)
+            shade = hillshade(self._shown(chart.elevation), step * height, step * width)
+        greys = LinearSegmentedColormap.from_list("greys", ("0.4", "1.0"), _SHADES)
+        self._layer(np.where(unknown, np.nan, shade), cmap=greys, vmin=0.0, vmax=255.0)
+        browns = [to_rgba(COST, strength) for strength in (0.0, _DEAR)]
+        colours = LinearSegmentedColormap.from_list("costs", browns, _SHADES)
+        cost = np.where(shut, 2.0, cost)  # above all costs
+        cost[unknown] = np.nan
+        self._costs = self._layer(
+            cost, cmap=colours.with_extremes(over=IMPASSABLE), vmin=0.0, vmax=1.0
+        )
         axes.set(xticks=[], yticks=[], autoscale_on=False)
         axes.grid(visible=False)
-        shut = ~(self._shown(chart.cost) < 1.0)
         self._passable = ~(shut | unknown)
         if unknown.any():
             axes.patch.set(facecolor=PAPER, edgecolor=UNKNOWN, hatch="////")
@@ -129,10 +149,10 @@ class MapDrawing:
         """Every `step`-th cell of the part."""
         return cells[slices(self._part)][:: self._step, :: self._step]
 
-    def _layer(self, image: Array) -> None:
+    def _layer(self, image: Array, **colours: Any) -> "AxesImage":
         large = self._inches * _DPI * self._step >= 1.0
         how = "nearest" if large else "auto"  # cells are enlarged as they are, and reduced smoothly
-        self.axes.imshow(image, extent=self._extent, interpolation=how)
+        return self.axes.imshow(image, extent=self._extent, interpolation=how, **colours)
 
     def tint(self, cells: Bool, strength: float, colour: str, words: str) -> None:
         """Colour cells where they can be passed; the ground shows through."""
@@ -202,8 +222,6 @@ class MapDrawing:
         """Add the facts and a scale bar above the map, the legend and the costs' colours beside it,
         where the figure is its own.
         """
-        from matplotlib.cm import ScalarMappable
-        from matplotlib.colors import ListedColormap
         from matplotlib.markers import MarkerStyle
         from matplotlib.ticker import MaxNLocator
         from matplotlib.transforms import Affine2D
@@ -230,13 +248,16 @@ class MapDrawing:
             turn = Affine2D().rotate_deg(-chart.north_deg)
             arrow = MarkerStyle(r"$\uparrow$", transform=turn)
             axes.plot([], [], linestyle="", marker=arrow, color=INK, label="grid north")
-        costs = cost_picture(np.linspace(0.0, 0.999, 64, dtype=np.float32)[None])[0] / 255.0
         figure.colorbar(
-            ScalarMappable(cmap=ListedColormap(costs)),
+            self._costs,
             cax=axes.inset_axes((1.01, 0.0, 0.02, 1.0)),
             label="traversability cost",
         )
-        figure.legend(loc="upper left", bbox_to_anchor=(0.0, 0.0), ncols=3, frameon=False)
+        handles, labels = axes.get_legend_handles_labels()
+        place = (0.0, 0.0)
+        figure.legend(
+            handles, labels, loc="upper left", bbox_to_anchor=place, ncols=3, frameon=False
+        )
         return figure
 
 

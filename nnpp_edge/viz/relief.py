@@ -1,6 +1,4 @@
-"""The ground below all pictures: the relief, lit from the north-west and browner where a cell costs
-more; impassable cells are dark. With numpy alone.
-"""
+"""A map to draw on, and its relief, lit from the north-west. With numpy alone."""
 
 import math
 from collections.abc import Sequence
@@ -10,24 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Bool, Float2D
-from nnpp_edge.runtime.cells import Rectangle, Sides, holding, slices, widened
+from nnpp_edge.runtime.cells import Rectangle, Sides, holding, widened
 from nnpp_edge.runtime.map.along import Line
-from nnpp_edge.viz.palette import COST, IMPASSABLE, rgb
 
 Shade = NDArray[np.uint8]
 """(H, W) lightness of the relief, or a number for each cell."""
-Picture = NDArray[np.uint8]
-"""(H, W, 3) red, green, blue."""
-
-_DEAR = 0.65
-_SHUT = 0.85
-"""How strongly cells are coloured where a cell costs most, and where it is impassable."""
-_FLAT = 185
-"""Of the relief's lightness, level ground."""
-_SHADES = np.uint8(0xF8)
-"""Of a ground's colours, the bits that are kept: nobody sees the others, and a file is half as
-large without them.
-"""
+FLAT = 185
+"""Level ground's."""
 _AROUND = 0.15
 _LEAST_AROUND = 16
 """Of the ground around a path that is shown: a share of its longer side, and cells."""
@@ -70,29 +57,6 @@ class Chart:
         wide = margin + max(2 * longest // 3 - cols, 0) // 2
         part = widened((row, col, rows, cols), (high, wide), self.cost.shape)
         return part if part[2] * part[3] <= _ZOOMED * self.cost.size else self.whole
-
-    def ground(self, part: Rectangle, step: int = 1) -> Picture:
-        """A pixel for every `step`-th cell of a part."""
-        cost = self.cost[slices(part)][::step, ::step]
-        if self.elevation is None:
-            return cost_picture(cost)
-        height, width = self.sides_m or (1.0, 1.0)
-        heights = self.elevation[slices(part)][::step, ::step]
-        return cost_picture(cost, hillshade(heights, height * step, width * step))
-
-
-def cost_picture(cost: Float2D, shade: Shade | None = None) -> Picture:
-    """A cell a pixel: the relief, (H, W) uint8 from `hillshade`, or level ground, the browner the
-    costlier; impassable cells, NaN or from 1 up, are dark.
-    """
-    passable = (cost < 1.0)[..., None]
-    lightness = np.float32(105.0) + np.float32(0.6) * (_FLAT if shade is None else shade)
-    lit = np.broadcast_to(lightness, cost.shape)[..., None]
-    strength = np.where(passable, _DEAR * cost.clip(0.0)[..., None], _SHUT).astype(np.float32)
-    colours = np.array((rgb(COST), rgb(IMPASSABLE)), np.float32)
-    colour = np.where(passable, colours[0], colours[1])
-    picture: Picture = ((1.0 - strength) * lit + strength * colour).astype(np.uint8)
-    return picture & _SHADES
 
 
 def hillshade(elevation: Float2D, cell_size_m: float, cell_width_m: float | None = None) -> Shade:

@@ -13,6 +13,7 @@ from nnpp_edge.runtime.kernels.poses import REFUSALS
 from nnpp_edge.viz.palette import (
     DRIVEN,
     GOAL,
+    IMPASSABLE,
     OPTIMUM,
     PAPER,
     PATH,
@@ -23,11 +24,11 @@ from nnpp_edge.viz.palette import (
     rgb,
 )
 from nnpp_edge.viz.picture import MapDrawing, Reached, body_outlines, plan_picture, reach_picture
-from nnpp_edge.viz.relief import Chart, cost_picture, hillshade
+from nnpp_edge.viz.relief import Chart, hillshade
 from tests.strategies import uniform
 
-SHUT = cost_picture(np.ones((1, 1), np.float32))[0, 0].tolist()
-GROUND = cost_picture(np.zeros((1, 1), np.float32))[0, 0].tolist()
+SHUT = [*rgb(IMPASSABLE)]
+GROUND = [214] * 3
 
 
 def some_cost(rows, cols):
@@ -56,10 +57,10 @@ class Seen:
 
 def test_the_costlier_the_darker_and_impassable_cells_are_the_darkest():
     cost = np.array([[0.0, 0.5, 0.99], [1.0, np.inf, np.nan]], np.float32)
-    picture = cost_picture(cost)
-    lightness = picture[0].mean(axis=1)
+    seen = Seen(MapDrawing(Chart(cost, np.zeros_like(cost))).finish())
+    lightness = [seen.at(0, col).mean() for col in range(3)]
     assert (np.diff(lightness) < -20).all() and lightness[-1] > 40 + np.mean(SHUT)
-    np.testing.assert_array_equal(picture[1], [SHUT] * 3)
+    assert [seen.at(1, col).tolist() for col in range(3)] == [SHUT] * 3
 
 
 def test_the_light_comes_from_the_north_west():
@@ -67,10 +68,12 @@ def test_the_light_comes_from_the_north_west():
     faces_north_west = hillshade(south + east, 1.0)
     faces_south_east = hillshade(-south - east, 1.0)
     flat = hillshade(np.zeros((20, 20), np.float32), 1.0)
-    chart = Chart(0.1 * south, south * east, (1.0, 2.0))
-    lit = cost_picture(chart.cost, hillshade(south * east, 1.0, 2.0))
-    np.testing.assert_array_equal(chart.ground((5, 2, 15, 18)).shape, (15, 18, 3))
-    np.testing.assert_array_equal(chart.ground(chart.whole), lit)
+    south, east = np.mgrid[0:20, 0:30].astype(np.float32)
+    for heights, at in ((-abs(east - 15), (10, 5)), (-abs(south - 10), (5, 10))):
+        seen = Seen(MapDrawing(Chart(0.0 * heights, heights)).finish())
+        lit = seen.at(*at)
+        shaded = seen.at(20 - at[0], 30 - at[1])
+        assert lit.mean() > GROUND[0] > shaded.mean() + 30
     assert faces_north_west.mean() > flat.mean() + 30 > faces_south_east.mean() + 60
 
 
