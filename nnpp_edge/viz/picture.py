@@ -7,7 +7,7 @@ unknown ones striped.
 import io
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +44,7 @@ from nnpp_edge.viz.relief import FLAT, Chart, Shade, hillshade
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.colors import Colormap
     from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
 
@@ -128,14 +129,12 @@ class MapDrawing:
             height, width = chart.sides_m or (1.0, 1.0)
             shade = hillshade(self._shown(chart.elevation), step * height, step * width)
         greys = LinearSegmentedColormap.from_list("greys", ("0.4", "1.0"), _SHADES)
-        self._layer(np.where(unknown, np.nan, shade), cmap=greys, vmin=0.0, vmax=255.0)
+        self._layer(np.where(unknown, np.nan, shade), greys, 255.0)
         browns = [to_rgba(COST, strength) for strength in (0.0, _DEAR)]
         colours = LinearSegmentedColormap.from_list("costs", browns, _SHADES)
         cost = np.where(shut, 2.0, cost)  # above all costs
         cost[unknown] = np.nan
-        self._costs = self._layer(
-            cost, cmap=colours.with_extremes(over=IMPASSABLE), vmin=0.0, vmax=1.0
-        )
+        self._costs = self._layer(cost, colours.with_extremes(over=IMPASSABLE))
         axes.set(xticks=[], yticks=[], autoscale_on=False)
         axes.grid(visible=False)
         self._passable = ~(shut | unknown)
@@ -149,10 +148,14 @@ class MapDrawing:
         """Every `step`-th cell of the part."""
         return cells[slices(self._part)][:: self._step, :: self._step]
 
-    def _layer(self, image: Array, **colours: Any) -> "AxesImage":
+    def _layer(
+        self, image: Array, colours: "Colormap | None" = None, most: float = 1.0
+    ) -> "AxesImage":
         large = self._inches * _DPI * self._step >= 1.0
         how = "nearest" if large else "auto"  # cells are enlarged as they are, and reduced smoothly
-        return self.axes.imshow(image, extent=self._extent, interpolation=how, **colours)
+        return self.axes.imshow(
+            image, colours, extent=self._extent, interpolation=how, vmin=0.0, vmax=most
+        )
 
     def tint(self, cells: Bool, strength: float, colour: str, words: str) -> None:
         """Colour cells where they can be passed; the ground shows through."""
@@ -222,7 +225,6 @@ class MapDrawing:
         """Add the facts and a scale bar above the map, the legend and the costs' colours beside it,
         where the figure is its own.
         """
-        from matplotlib.markers import MarkerStyle
         from matplotlib.ticker import MaxNLocator
         from matplotlib.transforms import Affine2D
         from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
@@ -245,9 +247,11 @@ class MapDrawing:
             )
             axes.add_artist(bar)
         if chart.north_deg is not None:
-            turn = Affine2D().rotate_deg(-chart.north_deg)
-            arrow = MarkerStyle(r"$\uparrow$", transform=turn)
-            axes.plot([], [], linestyle="", marker=arrow, color=INK, label="grid north")
+            arrow = [(-0.4, -1.0), (0.0, 1.0), (0.4, -1.0), (0.0, -0.6)]
+            turned = Affine2D().rotate_deg(-chart.north_deg).transform(arrow)
+            axes.plot(
+                [], [], linestyle="", marker=turned, markersize=14.0, color=INK, label="grid north"
+            )
         figure.colorbar(
             self._costs,
             cax=axes.inset_axes((1.01, 0.0, 0.02, 1.0)),
