@@ -206,17 +206,6 @@ def test_ends_are_places_on_the_map_or_on_the_globe(told, hills):
         assert found["cost"] == wanted["cost"]
 
 
-def test_a_map_read_by_windows_has_the_same_numbers_and_tours(told, hills):
-    words = f"{PLAN} --method corridor --via 60,20 --via 20,60 --best-order"
-    whole = told(words)
-    windows = told(f"{words} --memory 1kB")
-    same = (*Numbers._fields, "cost")
-    pairs = [(whole, windows), *zip(whole["via"]["legs"], windows["via"]["legs"], strict=True)]
-    for one, other in pairs:
-        assert [one[name] for name in same] == [other[name] for name in same]
-    assert whole["via"]["stops"] == windows["via"]["stops"]
-
-
 @pytest.fixture
 def legend(monkeypatch):
     """Words of the legend of the last picture."""
