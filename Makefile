@@ -1,4 +1,4 @@
-# make demo: the onboard package alone, in an environment of its own, a plan over real lunar terrain, and a rover's among rocks.
+# make demo: the package with what draws, in an environment of its own, a plan over real lunar terrain, and a rover's among rocks.
 # make check: lint, spelling, types, import contract and the fast tests; about a minute, once the kernels are compiled.
 # make test: the same with all tests.
 # make bench: our planners beside other libraries' grid search, the stages from elevations to a first path, and how long
@@ -30,7 +30,7 @@ ROS := .venv-ros
 
 $(DEMO)/ready: pyproject.toml
 	$(PYTHON) -m venv $(DEMO)
-	$(DEMO)/bin/pip install --quiet --disable-pip-version-check --editable .
+	$(DEMO)/bin/pip install --quiet --disable-pip-version-check --editable '.[viz]'
 	touch $@
 
 demo: $(DEMO)/ready

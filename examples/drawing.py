@@ -16,8 +16,9 @@ from nnpp_edge.runtime import Traversability
 from nnpp_edge.runtime.terrain.traversability import traversability_cost
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.facts import metres
-from nnpp_edge.viz.palette import GOAL, INK, PAPER, PATH, START, UNKNOWN, hexed
-from nnpp_edge.viz.picture import Chart
+from nnpp_edge.viz.palette import GOAL, INK, PATH, START
+from nnpp_edge.viz.picture import MapDrawing
+from nnpp_edge.viz.relief import Chart
 
 TEXT = 17
 """Points: read where a telephone shrinks the picture to half."""
@@ -40,14 +41,7 @@ def relief(
     size, width = dem.cell_size_m, dem.cell_width_m
     limits = limits or Traversability.safe()
     cost = traversability_cost(dem.elevation, size, limits, cell_width_m=width, warn=False)
-    unknown = np.isnan(dem.elevation)
-    chart = Chart(np.where(unknown, 0.0, cost), dem.elevation, (size, width))
-    axes.imshow(np.dstack((chart.ground(chart.whole, 1)[..., ::-1], np.where(unknown, 0, 255))))
-    if unknown.any():
-        stripes = {"facecolor": hexed(PAPER), "edgecolor": hexed(UNKNOWN), "hatch": "//"}
-        axes.patch.set(**stripes)
-        axes.fill([], [], label="unknown", **stripes)
-    axes.set(xticks=[], yticks=[])
+    MapDrawing(Chart(cost, dem.elevation, (size, width)), axes=axes)
     axes.set_title(title, fontsize=TEXT)
     right = bar_m / width
     down = ScaledTranslation(0.0, -0.15, axes.get_figure().dpi_scale_trans)
@@ -63,9 +57,9 @@ def relief(
     )
 
 
-def line(axes: Axes, path: np.ndarray, label: str, color: str = hexed(PATH)) -> None:
+def line(axes: Axes, path: np.ndarray, label: str, color: str = PATH) -> None:
     """Draw places (N, 2) (row, col) as a line with a dark rim."""
-    rim = withStroke(linewidth=4.5, foreground=hexed(INK))
+    rim = withStroke(linewidth=4.5, foreground=INK)
     axes.plot(path[:, 1], path[:, 0], color=color, linewidth=2.8, label=label, path_effects=[rim])
 
 
@@ -79,7 +73,7 @@ def ends(axes: Axes, start: tuple[int, int], goal: tuple[int, int], begin: str =
             col,
             row,
             mark,
-            color=hexed(colour),
+            color=colour,
             markeredgecolor="black",
             markersize=size,
             label=name,

@@ -18,7 +18,7 @@ from nnpp_edge.runtime import Planner, Traversability, traversability_cost  # no
 from nnpp_edge.runtime.arrays import in_blocks  # noqa: E402
 from nnpp_edge.terrain.dem import Dem, sample_dem  # noqa: E402
 from nnpp_edge.terrain.workloads import workload  # noqa: E402
-from nnpp_edge.viz.palette import INK, PATH, REGION, hexed  # noqa: E402
+from nnpp_edge.viz.palette import INK, PATH, REGION  # noqa: E402
 
 START = (90, 60)
 GOAL = (450, 470)
@@ -74,8 +74,8 @@ def regions() -> None:
         shown = np.zeros((*inside.shape, 4))
         shown[inside] = [*(each / 255.0 for each in REGION[::-1]), 0.6]
         panel.imshow(shown)
-        panel.fill([], [], color=hexed(REGION), alpha=0.6, label="region")
-        panel.plot(*plan.path.T[::-1], color=hexed(PATH), linewidth=1.6, label="path")
+        panel.fill([], [], color=REGION, alpha=0.6, label="region")
+        panel.plot(*plan.path.T[::-1], color=PATH, linewidth=1.6, label="path")
         ends(panel, START, GOAL)
     words = {"fontsize": TEXT, "frameon": False, "ncols": 4}
     words["loc"] = "outside lower center"
@@ -134,8 +134,8 @@ def bounds() -> None:
     for row, words in enumerate(asked.values()):
         plan = planner.plan(START, GOAL, **words)
         axes.plot([plan.lower_bound, plan.cost], [row, row], color="0.6", linewidth=5.0)
-        axes.plot(plan.lower_bound, row, "|", color=hexed(INK), markersize=22, markeredgewidth=4)
-        axes.plot(plan.cost, row, "o", color=hexed(PATH), markersize=11)
+        axes.plot(plan.lower_bound, row, "|", color=INK, markersize=22, markeredgewidth=4)
+        axes.plot(plan.cost, row, "o", color=PATH, markersize=11)
         said = plan.optimality.replace(", ", ",\n").replace("to be at most", "≤")
         axes.annotate(said, (plan.cost, row), (12, 0), textcoords="offset points", va="center")
     for text in axes.texts:

@@ -35,7 +35,10 @@ def command(
     if kind not in _ENDINGS:
         raise click.UsageError(f"--output must end in {', '.join(_ENDINGS)}, got {output.name!r}")
     picture = output.with_suffix(".png")
-    options.check_outputs(("--output", output), ("--output", picture))
+    files = [output, picture]
+    if not options.can_draw(picture):
+        files.remove(picture)
+    options.check_outputs(*(("--output", path) for path in files))
     terrain.limits()  # those that make no sense are refused before any work
 
     import numpy as np
@@ -43,7 +46,7 @@ def command(
     from nnpp_edge.cli.maps import chart_of, cost_of, size_in_words, size_of
     from nnpp_edge.files import write_all
     from nnpp_edge.terrain.rasters import raster_bytes
-    from nnpp_edge.viz.picture import png_bytes
+    from nnpp_edge.viz.picture import MapDrawing, encoded
 
     ground = terrain.read(dem)
     cost = cost_of(ground, terrain.limits(ground))
@@ -58,15 +61,17 @@ def command(
         size = ground.cell_size_m
         width = ground.cell_width_m
         np.savez_compressed(content, cost=cost, cell_size_m=size, cell_width_m=width)
-    drawn = chart_of(ground, cost).picture()
-    write_all({output: content.getvalue(), picture: png_bytes(drawn)})
+    contents = {output: content.getvalue()}
+    if picture in files:
+        contents[picture] = encoded(MapDrawing(chart_of(ground, cost)).finish())
+    write_all(contents)
 
     share = float(passable.mean())
-    files = [str(output), str(picture)]
-    figures = size_of(ground) | {"passable_share": share, "files": files}
+    written = [str(path) for path in files]
+    figures = size_of(ground) | {"passable_share": share, "files": written}
     lines = {
         "map": f"{dem.name}: {size_in_words(ground)}",
         "passable": f"{100 * share:.2f} % of cells",
-        "written": ", ".join(files),
+        "written": ", ".join(written),
     }
     tell(as_json, figures, lambda: aligned(lines))

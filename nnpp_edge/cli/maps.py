@@ -31,7 +31,7 @@ from nnpp_edge.terrain.coordinates import lonlat_corners
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.georeference import Place
 from nnpp_edge.terrain.rasters import READ_IN_METRES, Raster
-from nnpp_edge.viz.picture import Chart
+from nnpp_edge.viz.relief import Chart
 
 _MOST_UNEQUAL_SIDES = 0.05
 """Cells whose sides differ by more than this share are warned of."""

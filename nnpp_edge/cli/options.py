@@ -12,6 +12,7 @@ import math
 import pkgutil
 import re
 import tomllib
+import warnings
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import MISSING, fields, is_dataclass
 from functools import partial
@@ -22,6 +23,7 @@ from typing import Annotated, Any, NamedTuple, get_args, is_typeddict
 import click
 from msgspec import Meta
 
+from nnpp_edge.runtime.errors import MissingExtraError, optional_module
 from nnpp_edge.runtime.options import STEP_COSTS
 
 MOST = 2**31 - 1
@@ -323,6 +325,18 @@ def files_in(folder: Path | None, names: Iterable[str]) -> list[Path]:
     paths = [] if folder is None else [folder / name for name in names]
     check_outputs(*(("--output", path) for path in paths), make_folders=True)
     return paths
+
+
+def can_draw(name: object) -> bool:
+    """Whether a picture of this name can be drawn beside other files; a warning says what is
+    missing.
+    """
+    try:
+        optional_module("matplotlib", str(name), "viz")
+    except MissingExtraError as error:
+        warnings.warn(f"no picture is drawn: {error}", stacklevel=2)
+        return False
+    return True
 
 
 def _paths(values: Iterable[object]) -> Iterator[Path]:

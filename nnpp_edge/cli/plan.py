@@ -68,6 +68,8 @@ def command(
         module, extra = FORMATS[name]
         optional_module(module, f"--format {name}", extra)
     names = [*_FILES, *(f"path.{name}" for name in dict.fromkeys(request.formats))]
+    if output is not None and not options.can_draw("plan.png"):
+        names.remove("plan.png")
     paths = options.files_in(output, names)
 
     with told_if_slow("loading the package"):

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from math import isfinite
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from nnpp_edge.cli.maps import size_in_words, size_of
 from nnpp_edge.cli.text import Row, aligned, columns, table
@@ -17,8 +18,10 @@ from nnpp_edge.runtime.planners.tour import Tour
 from nnpp_edge.runtime.robots.slope.cost import unit_of
 from nnpp_edge.terrain.facts import Fact, lines_of, plan_facts, values_of
 from nnpp_edge.terrain.route import Route
-from nnpp_edge.viz.picture import Reached, png_bytes
-from nnpp_edge.viz.sheet import Picture
+from nnpp_edge.viz.picture import Reached, encoded
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _CLOSE = 0.1
 """Share of a body's limit below which what is left of it is warned of."""
@@ -34,7 +37,7 @@ class Answer:
 
     plan: Plan
     route: Route
-    picture: Callable[[], Picture]
+    picture: "Callable[[], Figure]"
     stops: Sequence[Cell]
     """Start, the places between in the order of visits, and goal."""
     compared: Sequence[Row] = ()
@@ -197,7 +200,7 @@ class Answer:
             "path.geojson": lambda: route.geojson(values_of(self.facts)),
             "path.csv": route.csv,
             "plan.json": lambda: json.dumps(self.figures(files), indent=1).encode(),
-            "plan.png": lambda: png_bytes(self.picture()),
+            "plan.png": lambda: encoded(self.picture()),
             "path.gpkg": lambda: route.geopackage(values_of(self.facts)),
             "path.gpx": lambda: route.gpx("nnpp-edge plan", self.stops),
         }

@@ -7,6 +7,7 @@ from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from statistics import median
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -37,8 +38,11 @@ from nnpp_edge.terrain.dem import Dem, open_dem, part_of
 from nnpp_edge.terrain.georeference import Place
 from nnpp_edge.terrain.rasters import Raster
 from nnpp_edge.terrain.route import Route, places_of
-from nnpp_edge.viz.picture import Chart, Reached, body_outlines, plan_picture, refused_on
-from nnpp_edge.viz.sheet import Picture
+from nnpp_edge.viz.picture import Reached, body_outlines, plan_picture, refused_on
+from nnpp_edge.viz.relief import Chart
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _REPEATS = 3
 """Plans by each method that --compare takes the median time of."""
@@ -169,7 +173,7 @@ def plan_on(
         begun, other = ("start", goal) if from_start else ("goal", start)
         ended = Reached(cells, begun, nearest(cells, other))
 
-    def picture() -> Picture:
+    def picture() -> "Figure":
         if cost is None:
             return _coarse_picture(dem, planner, plan, stops)
         body = ground.vehicle
@@ -188,7 +192,7 @@ def plan_on(
             goal=goal,
             via=stops[1:-1],
             reference_path=reference,
-            outlines=body_outlines(plan.line, body, ground.sides_m, headings) if body else (),
+            outlines=body_outlines(plan.line, body, ground.sides_m, headings),
             refused=refused_on(planner),
             point_path=beside,
             reached=ended,
@@ -233,7 +237,7 @@ def _spot(body: Vehicle) -> Vehicle:
     )
 
 
-def _coarse_picture(dem: Dem, planner: Planner, plan: Plan, stops: Sequence[Cell]) -> Picture:
+def _coarse_picture(dem: Dem, planner: Planner, plan: Plan, stops: Sequence[Cell]) -> "Figure":
     """The path on the coarsest level of the map."""
     levels = planner.state.pyramid.levels
     factor = FACTOR ** (len(levels) - 1)

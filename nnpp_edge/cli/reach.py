@@ -96,7 +96,10 @@ def command(
     measure, most = _limit(robot, cost=within_cost, time=within_time, energy=within_energy)
     if output is not None:
         optional_module("rasterio", "--output", "geo")
-    paths = options.files_in(output, _FILES)
+    names = [*_FILES]
+    if output is not None and not options.can_draw("reach.png"):
+        names.remove("reach.png")
+    paths = options.files_in(output, names)
 
     from dataclasses import replace
 
@@ -109,7 +112,7 @@ def command(
     from nnpp_edge.runtime.robots.slope.cost import unit_of
     from nnpp_edge.terrain.rasters import raster_bytes
     from nnpp_edge.terrain.route import Reach
-    from nnpp_edge.viz.picture import png_bytes, reach_picture
+    from nnpp_edge.viz.picture import encoded, reach_picture
 
     with told_if_slow(f"reading {dem}"):
         terrain = robot.read(dem)
@@ -133,13 +136,15 @@ def command(
     if paths:
         figures["files"] = files
         bands = list(zip(shares, within, strict=True))
-        contents = [
-            raster_bytes(paths[0], found.raster(), terrain),
-            found.geojson(),
-            png_bytes(reach_picture(chart_of(terrain, cost), found.field, bands, cell)),
-            json.dumps(figures, indent=1).encode(),
-        ]
-        write_all(dict(zip(paths, contents, strict=True)))
+        contents = {
+            "reach.tif": raster_bytes(paths[0], found.raster(), terrain),
+            "reach.geojson": found.geojson(),
+            "reach.json": json.dumps(figures, indent=1).encode(),
+        }
+        if "reach.png" in names:
+            picture = reach_picture(chart_of(terrain, cost), found.field, bands, cell)
+            contents["reach.png"] = encoded(picture)
+        write_all({path: contents[path.name] for path in paths})
     lines: dict[str, object] = {"map": size_in_words(terrain), "start": cell}
     if measure == "time":
         of_vehicle = step_cost == "time"

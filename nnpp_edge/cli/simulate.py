@@ -38,8 +38,8 @@ def command(
         int,
         click.IntRange(16, options.MOST),
         (
-            "Side of the part of the map that is driven on; the seed picks one, which holds "
-            "--start and --goal."
+            "Side of the part of the map that is driven on, around --start and --goal, or where "
+            "the seed puts it."
         ),
     ] = 256,
     start: Start | None = None,
@@ -52,7 +52,6 @@ def command(
     speed: Annotated[int, "Cells a tick."] = 1,
     rocks: Annotated[float, options.Real(0.0, 0.2), "Share of the ground under rocks."] = 0.0,
     seed: options.Seed = 1,
-    endless: Annotated[bool, "Drive from goal to goal for all --ticks."] = False,
     log: Annotated[Path | None, "Write inputs and answers as MCAP with ROS 2 messages."] = None,
     picture: Annotated[Path | None, ".png of the way driven, or .gif of the drive."] = None,
     as_json: options.AsJson = False,
@@ -81,7 +80,7 @@ def command(
     from nnpp_edge.simulation.scene import SimulationSettings
     from nnpp_edge.simulation.simulate import random_drive, simulate
     from nnpp_edge.terrain.dem import sample_path
-    from nnpp_edge.viz.picture import png_bytes
+    from nnpp_edge.viz.picture import encoded
 
     rescale = robot.rescale
     robot = replace(robot, rescale=None)  # the ground is shrunk itself
@@ -94,7 +93,6 @@ def command(
         sight=sight,
         speed=speed,
         seed=seed,
-        endless=endless,
         steps=steps,
     )
     film = film_of(picture)
@@ -133,14 +131,14 @@ def command(
             raise InvalidQueryError(f"{error}, {place}") from None
     files = [str(sink.path) for sink in sinks if isinstance(sink, McapLog)]
     if picture is not None:
-        write_whole(picture, film.gif() if film else png_bytes(drive_picture(ground, drive)))
+        write_whole(picture, film.gif() if film else encoded(drive_picture(ground, drive)))
         files.append(str(picture))
     result = drive.summary() | {"row": row, "col": col, "rows": rows, "cols": cols, "files": files}
     for name, cell in (("start", drive.start), ("goal", drive.goal)):
         in_file = ground.in_file(cell)
         result |= {name: in_file, f"{name}_xy": whole.map_coordinates(*in_file)}
     tell(as_json, result, lambda: text(drive, result, whole.source.name))
-    if drive.forbidden or not (drive.reached or endless):
+    if drive.forbidden or not drive.reached:
         click.get_current_context().exit(1)
 
 
@@ -149,8 +147,6 @@ def text(drive: "DriveOutcome", result: Row, name: str) -> str:
     from nnpp_edge.terrain.facts import lines_of
 
     ended = "goal reached" if drive.reached else "GOAL NOT REACHED"
-    if drive.goals > 1:
-        ended = f"{drive.goals} goals reached"
     place = "{rows} × {cols} cells of {name}, from cell ({row}, {col}) on"
     xy = "({:.9g}, {:.9g}) to ({:.9g}, {:.9g})"
     lines = {
@@ -160,7 +156,6 @@ def text(drive: "DriveOutcome", result: Row, name: str) -> str:
         **loop_lines(drive.counters),
         "answer": "p50 {p50:.2f}, p99 {p99:.2f}, max {max:.2f} ms".format(**drive.planning_ms),
         **lines_of(drive.facts),
-        "memory": ", ".join(f"{when} {size:.0f}" for when, size in drive.memory_mb.items()) + " MB",
         "written": ", ".join(result["files"]),
     }
     return aligned(lines)

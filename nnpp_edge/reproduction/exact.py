@@ -22,7 +22,7 @@ from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.search.astar import astar
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.terrain.step_cost import StepModel
-from nnpp_edge.viz.figures import Curve, Panel, chart
+from nnpp_edge.viz.figures import panels, with_legend
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -197,13 +197,13 @@ def _fig7_picture(rows: Rows) -> "Figure":
     """Mean length and CC and the median time at each ω."""
     omegas, length, cc, typical_s = _curves(rows)
     sums = {"LEN": length, "CC": cc, "LEN + CC": length + cc}
-    curves = [Curve(omegas, values, "-", name) for name, values in sums.items()]
-    x = "ω per grey level"
-    panels = [
-        Panel("LEN and CC, normalised by range", curves, x),
-        Panel("Time of exact A*", [Curve(omegas, typical_s, "-")], x, "seconds"),
-    ]
-    return chart([panels])
+    figure, (sides, times) = panels(1, 2)
+    for name, values in sums.items():
+        sides.plot(omegas, values, label=name)
+    sides.set(title="LEN and CC, normalised by range", xlabel="ω per grey level")
+    times.plot(omegas, typical_s)
+    times.set(title="Time of exact A*", xlabel="ω per grey level", ylabel="seconds")
+    return with_legend(figure)
 
 
 EXPERIMENTS = {

@@ -12,9 +12,9 @@ from nnpp_edge.reproduction.regions import NetworkPair
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.workloads import SOFT
-from nnpp_edge.viz.figures import Panel
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 BOTH = ("the paper's method", "ours")
@@ -34,8 +34,8 @@ class Context:
     """Called with the thousandths of the work that are done."""
     notes: list[str] = field(default_factory=list)
     """Whole sentences for the page."""
-    scenes: list[Panel] = field(default_factory=list)
-    """Maps to be drawn."""
+    scenes: "list[Callable[[Axes], object]]" = field(default_factory=list)
+    """Each draws a map."""
 
     def fitting(self, sizes: Sequence[int]) -> list[int]:
         """The sizes that the terrain is large enough for, with a note on the others; where it is

@@ -26,7 +26,7 @@ from nnpp_edge.runtime.exercises import exercise
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.model_file import read_model_file
 from nnpp_edge.terrain.dem import Dem
-from nnpp_edge.viz.figures import encoded
+from nnpp_edge.viz.picture import encoded
 
 FORMAT = "nnpp-edge-reproduction-4"
 EXPERIMENTS: dict[str, Experiment] = {}

@@ -30,7 +30,7 @@ from nnpp_edge.reproduction.findings import (
 from nnpp_edge.reproduction.paper import ASTAR, ASTAR_NN
 from nnpp_edge.reproduction.planners import OURS, PLAIN_KINDS, PLAIN_NN, PLAIN_PLANNERS, OneMap
 from nnpp_edge.reproduction.table import percent
-from nnpp_edge.viz.figures import Curve, Panel, chart
+from nnpp_edge.viz.figures import panels, with_legend
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Picture
@@ -176,18 +176,16 @@ def fig9_findings(rows: Rows) -> Iterator[Finding]:
 
 def _fig11_picture(rows: Rows) -> "Picture":
     """Each query's time against the length of its path."""
-    panels = []
-    for title, names in (
-        ("Plain Python, a graph for each query", PLAIN_PLANNERS[:3]),
-        ("This toolkit's planners", OURS),
-    ):
-        curves = []
+    figure, places = panels(1, 2)
+    plain = ("Plain Python, a graph for each query", PLAIN_PLANNERS[:3])
+    ours = ("This toolkit's planners", OURS)
+    for axes, (title, names) in zip(places, (plain, ours), strict=True):
         for name in names:
             own = rows.of(name)
-            cells = own.all("path_cells")
-            curves.append(Curve(cells, own.all("time_s"), ".", name, drawing.COLOURS[name]))
-        panels.append(Panel(title, curves, "cells of the optimal path", "seconds"))
-    return chart([panels])
+            colour = drawing.COLOURS[name]
+            axes.plot(own.all("path_cells"), own.all("time_s"), ".", color=colour, label=name)
+        axes.set(title=title, xlabel="cells of the optimal path", ylabel="seconds")
+    return with_legend(figure)
 
 
 def _fit(rows: Rows) -> tuple[float, float]:

@@ -6,65 +6,71 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from nnpp_edge.runtime.arrays import Float2D, Floats
-from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.errors import InvalidQueryError, optional_module
 from nnpp_edge.runtime.loop.messages import PathMessage
-from nnpp_edge.runtime.map.along import Line
 from nnpp_edge.simulation.ground import SurveyedGround
 from nnpp_edge.simulation.scene import Scene
 from nnpp_edge.simulation.simulate import DriveOutcome
 from nnpp_edge.terrain.obstacles import covered
-from nnpp_edge.viz.palette import BODY, DRIVEN, GOAL, INK, OPTIMUM, PAPER, PATH, SEEN, START
-from nnpp_edge.viz.picture import SHUT_GROUND, Chart, Drawn, body_outlines
-from nnpp_edge.viz.sheet import Picture
+from nnpp_edge.viz.palette import (
+    BODY,
+    DRIVEN,
+    GOAL,
+    IMPASSABLE,
+    INK,
+    OPTIMUM,
+    PAPER,
+    PATH,
+    SEEN,
+    START,
+    rgb,
+)
+from nnpp_edge.viz.picture import MapDrawing, body_outlines, encoded
+from nnpp_edge.viz.relief import Chart
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
     from PIL.Image import Image
 
 _GROUND_COLOURS = 48
 _MOST_FRAMES = 80
-_FRAME_PIXELS = 480
+_FRAME_INCHES = 4.8
 _FRAME_MS = 100
 
 
 def film_of(path: Path | None) -> "Film | None":
     """A film where the picture is to be a .gif; InvalidQueryError unless it is that or a .png,
-    ModuleNotFoundError where Pillow is missing.
+    MissingExtraError where it cannot be drawn.
     """
     kind = path.suffix.lower() if path else ".png"
     if path and kind not in (".png", ".gif"):
         raise InvalidQueryError(f"a picture must be a .png or .gif file, got {path.name}")
-    if kind == ".png":
-        return None
-    import PIL  # noqa: F401
-
-    return Film()
+    if path:
+        optional_module("matplotlib", "--picture", "viz")
+    return Film() if kind == ".gif" else None
 
 
-def drive_picture(ground: SurveyedGround, drive: DriveOutcome) -> Picture:
+def drive_picture(ground: SurveyedGround, drive: DriveOutcome) -> "Figure":
     """Draw the true ground, the way driven, and the optimum for a robot that knew everything.
 
     Of a body the outline is drawn along the way; the cost of a cell is that of its best heading
     there.
     """
-    lines = [
-        Drawn(drive.driven, DRIVEN, 5.0, "driven"),
-        Drawn(drive.optimal, OPTIMUM, 1.2, "optimum, with all known"),
-    ]
+    drawing = MapDrawing(
+        _chart(ground, ground.costs()), [drive.driven, drive.optimal, np.array([drive.goal])]
+    )
+    drawing.line(drive.driven, DRIVEN, 4.0, "driven")
+    drawing.line(drive.optimal, OPTIMUM, 0.9, "optimum, with all known", None)
+    robot = ground.ground
+    drawing.bodies(body_outlines(drive.driven, robot.vehicle, robot.sides_m))
+    drawing.ends(drive.start, drive.goal)
+
     costs = f"cost {drive.driven_cost:.4g}, optimum {drive.optimal_cost:.4g}"
     if drive.excess is not None:
         costs += f" (+{100 * drive.excess:.1f} %)"
     facts = [drive.method, f"{drive.counters.ticks} ticks, {drive.counters.planned} plans", costs]
-    chart = _chart(ground, ground.costs())
-    ways = [line.places[:, :2].astype(np.float64) for line in lines]
-    return chart.picture(
-        drive.start,
-        drive.goal,
-        lines=lines,
-        outlines=_bodies(ground, drive.driven),
-        part=chart.around(np.concatenate((*ways, np.array([drive.goal])))),
-        facts=facts,
-    )
+    return drawing.finish(facts)
 
 
 def _chart(ground: SurveyedGround, cost: Float2D) -> Chart:
@@ -91,9 +97,8 @@ class Film:
         if self._ticks % self._every == 0 or scene.reached:
             from PIL import Image
 
-            picture = _frame(scene, message)
-            self._colours = self._colours or _palette(picture)
-            image = Image.fromarray(np.ascontiguousarray(picture[..., ::-1]))
+            image = Image.open(BytesIO(_frame(scene, message))).convert("RGB")
+            self._colours = self._colours or _palette(image)
             self._frames.append(image.quantize(palette=self._colours, dither=Image.Dither.NONE))
             if len(self._frames) > _MOST_FRAMES:
                 del self._frames[1::2]
@@ -109,13 +114,15 @@ class Film:
         return content.getvalue()
 
 
-def _frame(scene: Scene, message: PathMessage) -> Picture:
+def _frame(scene: Scene, message: PathMessage) -> bytes:
     """The map as the loop has it, which to a body is no higher inside an obstacle than at its
     rim: that is shut as a whole.
     """
+    from matplotlib.transforms import Bbox
+
     told = scene.ground.costs_on(scene.told)
     told = covered(told, (0, 0, *told.shape), scene.obstacles.blocks, np.inf)
-    chart = _chart(scene.ground, told)
+    drawing = MapDrawing(_chart(scene.ground, told), inches=_FRAME_INCHES)
 
     # the path, the way driven, the body along the path and where it is, and what it sees
     driven = np.array(scene.driven)[:, :2]
@@ -123,36 +130,26 @@ def _frame(scene: Scene, message: PathMessage) -> Picture:
     bottom = row + rows - 1
     right = col + cols - 1
     view = np.array([(row, col), (row, right), (bottom, right), (bottom, col), (row, col)])
-    lines = [
-        Drawn(view, SEEN, 2.0, "seen"),
-        Drawn(message.path, PATH, 3.0, "planned"),
-        Drawn(driven, DRIVEN, 3.0, "driven"),
-    ]
-    return chart.picture(
-        scene.robot,
-        scene.goal,
-        lines=lines,
-        outlines=_bodies(scene.ground, message.path, message.headings_deg),
-        begin="robot",
-        least=_FRAME_PIXELS,
-    )
+    drawing.line(view, SEEN, 2.0, "seen")
+    drawing.line(message.path, PATH, 2.8, "planned")
+    drawing.line(driven, DRIVEN, 2.8, "driven")
+    robot = scene.ground.ground
+    outlines = body_outlines(message.path, robot.vehicle, robot.sides_m, message.headings_deg)
+    drawing.bodies(outlines)
+    drawing.ends(scene.robot, scene.goal, "robot")
+
+    # all frames have the same margins
+    figure = drawing.finish()
+    width, height = figure.get_size_inches()
+    return encoded(figure, box=Bbox.from_extents(-0.2, -1.0, width + 0.8, height + 0.3))
 
 
-def _bodies(ground: SurveyedGround, path: Line, headings_deg: Line | None = None) -> list[Floats]:
-    """As `body_outlines`; none of a point."""
-    vehicle = ground.ground.vehicle
-    if vehicle is None:
-        return []
-    return body_outlines(path, vehicle, ground.ground.sides_m, headings_deg)
-
-
-def _palette(picture: Picture) -> "Image":
+def _palette(image: "Image") -> "Image":
     """The few colours that all frames share: then a film stores only the pixels that change."""
     from PIL import Image
 
-    image = Image.fromarray(np.ascontiguousarray(picture[..., ::-1]))
     ground = image.quantize(_GROUND_COLOURS).getpalette() or []
-    drawn = (INK, PAPER, SHUT_GROUND, PATH, BODY, DRIVEN, SEEN, GOAL, START)
+    drawn = (INK, IMPASSABLE, PAPER, PATH, BODY, DRIVEN, SEEN, GOAL, START)
     palette = Image.new("P", (1, 1))
-    palette.putpalette([*ground, *(value for colour in drawn for value in reversed(colour))])
+    palette.putpalette([*ground, *(value for colour in drawn for value in rgb(colour))])
     return palette

@@ -27,25 +27,25 @@ def part_of_map(
     """A part of at most `size` cells to a side, a multiple of `factor`, where the seed puts it, or
     around both ends; InvalidQueryError where these lie outside the map, or too far apart.
     """
-    rng = np.random.default_rng([seed, 3])
     shape = np.array([min(size, side) // factor * factor for side in whole.shape])
-    corner = np.array([int(rng.integers(most + 1)) for most in whole.shape - shape])
-    if ends is not None:
+    most = np.subtract(whole.shape, shape)
+    if ends is None:
+        corner = np.random.default_rng([seed, 3]).integers(most + 1)
+    else:
         places = np.array(ends)
         reach = reach_of(vehicle, (whole.cell_size_m, whole.cell_width_m))
         last = np.subtract(whole.shape, 1)
-        least = np.minimum(places.max(0) + reach, last) - (shape - 1)
-        most = np.maximum(places.min(0) - reach, 0)
-        if ((places < 0) | (places > last) | (least > most)).any():
+        first = np.maximum(places.min(0) - reach, 0)
+        beyond = np.minimum(places.max(0) + reach, last)
+        if ((places < 0) | (places > last) | (beyond - first >= shape)).any():
             rows, cols = whole.shape
             raise InvalidQueryError(
                 f"--start and --goal, cells {places.tolist()}, must not lie outside the map of "
                 f"{rows} × {cols} cells, nor further apart than --size {size} holds with {reach} "
                 "cells around each"
             )
-        if ((corner < least) | (corner > most)).any():
-            corner = (least + most) // 2  # the ends lie around the part's middle
-        corner = np.clip(corner, 0, whole.shape - shape)
+        # the ends lie around the part's middle
+        corner = np.clip((first + beyond + 1 - shape) // 2, 0, most)
     row, col, rows, cols = np.concatenate((corner, shape)).tolist()
     return row, col, rows, cols
 

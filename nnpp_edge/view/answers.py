@@ -32,8 +32,9 @@ from nnpp_edge.terrain.facts import lines_of, plan_facts, values_of
 from nnpp_edge.terrain.route import Route, places_of
 from nnpp_edge.view.asked import Asked, Site, command_of
 from nnpp_edge.view.landscape import Landscape, painted
-from nnpp_edge.viz.palette import REFUSED
-from nnpp_edge.viz.picture import hillshade, refused_on
+from nnpp_edge.viz.palette import REFUSED, rgb
+from nnpp_edge.viz.picture import refused_on
+from nnpp_edge.viz.relief import hillshade
 
 IMPASSABLE = 255
 UNKNOWN = 0
@@ -115,7 +116,7 @@ class Answerer:
             gpx = on_earth(dem)
         shown = {
             "gpx": gpx,
-            "refused": [{"colour": colour[::-1], "words": words} for colour, words in REFUSED],
+            "refused": [{"colour": rgb(colour), "words": words} for colour, words in REFUSED],
             "name": dem.source.name,
             "shape": dem.shape,
             "sides_m": (dem.cell_size_m, dem.cell_width_m),

@@ -1,21 +1,21 @@
-"""Pictures with matplotlib: the plots of a profile's page, and what all figures share."""
+"""Figures of panels: the plots of a profile's page, and those of experiments."""
 
-import io
 from base64 import b64encode
 from collections.abc import Callable, Iterator, Sequence
 from importlib.resources import files
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from nnpp_edge.profiling.compare import machine_words
 from nnpp_edge.profiling.figures import stages_of
 from nnpp_edge.profiling.judge import IN_WORDS, measured, place, wanted
 from nnpp_edge.profiling.rows import Facts
 from nnpp_edge.progress import shown, with_unit
-from nnpp_edge.runtime.arrays import Floats, UInt8
 from nnpp_edge.runtime.errors import optional_module
+from nnpp_edge.viz.picture import encoded
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _TEMPLATE = "profile.html.j2"
@@ -23,71 +23,26 @@ _WIDE = 5.2
 """Inches: narrow enough for words to be read where a telephone shrinks the picture."""
 
 
-class Curve(NamedTuple):
-    """Numbers, or names, along both axes of a panel."""
-
-    x: Sequence[object] | Floats
-    y: Sequence[object] | Floats
-    style: str = "o-"
-    label: str = ""
-    colour: str | None = None
-    width: float = 1.5
-
-
-class Panel(NamedTuple):
-    """A panel of a chart."""
-
-    title: str
-    curves: Sequence[Curve]
-    x: str = ""
-    y: str = ""
-    log: str = ""
-    """The axes that are logarithmic."""
-    image: UInt8 | None = None
-    """(H, W, 3) uint8 of a map, in place of curves."""
-
-
-def chart(lines: Sequence[Sequence[Panel]], wide: float = 5.8) -> "Figure":
-    """Lines of panels, so many inches wide, with a legend below; MissingExtraError without
-    matplotlib.
-    """
+def panels(rows: int, columns: int, wide: float = 5.8) -> "tuple[Figure, list[Axes]]":
+    """A figure with rows of panels, so many inches wide; MissingExtraError without matplotlib."""
     kinds = optional_module("matplotlib.figure", "a figure", "viz")
-    columns = max(map(len, lines))
-    size = (wide * columns, 1.5 + 0.85 * wide * len(lines))
+    size = (wide * columns, 1.5 + 0.85 * wide * rows)
     figure: Figure = kinds.Figure(figsize=size, layout="constrained")
-    legend: dict[str, Artist] = {}
-    for line, places in zip(
-        lines, figure.subplots(len(lines), columns, squeeze=False), strict=True
-    ):
-        for axes in places[len(line) :]:
-            axes.set_visible(False)
-        for axes, panel in zip(places, line, strict=False):
-            axes.set_title(panel.title, fontsize="medium" if panel.image is None else "small")
-            axes.set(xlabel=panel.x, ylabel=panel.y, axisbelow=True)
-            if panel.image is None:
-                axes.grid(alpha=0.25)
-            else:
-                axes.imshow(panel.image, interpolation="nearest")
-                axes.set(xticks=[], yticks=[])
-            for axis in panel.log:
-                axes.set(**{f"{axis}scale": "log"})
-            for x, y, style, label, colour, width in panel.curves:
-                (drawn,) = axes.plot(x, y, style, color=colour, linewidth=width, markersize=4)
-                drawn.set_solid_capstyle("butt")
-                if label:
-                    legend.setdefault(label, drawn)
-    if legend:
-        figure.legend(
-            [*legend.values()], [*legend], loc="outside lower center", ncols=4, frameon=False
-        )
+    figure.subplots(rows, columns)
+    for axes in figure.axes:
+        axes.grid(alpha=0.25)
+        axes.set_axisbelow(True)
+    return figure, figure.axes
+
+
+def with_legend(figure: "Figure") -> "Figure":
+    """A legend below, which names each line once."""
+    drawn: dict[str, Artist] = {}
+    for axes in figure.axes:
+        handles, labels = axes.get_legend_handles_labels()
+        drawn = dict(zip(labels, handles, strict=True)) | drawn
+    figure.legend([*drawn.values()], [*drawn], loc="outside lower center", ncols=4, frameon=False)
     return figure
-
-
-def encoded(figure: "Figure", dpi: int = 110) -> bytes:
-    """The figure as PNG."""
-    content = io.BytesIO()
-    figure.savefig(content, format="png", dpi=dpi)
-    return content.getvalue()
 
 
 def page(report: Facts) -> str:
@@ -121,38 +76,43 @@ def _plots(report: Facts) -> Iterator[tuple[str, str, str]]:
     """
     first = report["results"][0]["workload"]
     rows = [row for row in report["results"] if row["workload"] == first]
-    by_size = f"On {first}: medians as lines, thin up to the slowest hundredth."
     sizes = sorted({row["size"] for row in rows})
-    stages = [[_stages(rows, size)] for size in sizes]
-    drawn = [("Time by stage", f"Mean of a plan on {first}, whole job.", stages)]
+    figure, places = panels(len(sizes), 1, _WIDE)
+    for axes, size in zip(places, sizes, strict=True):
+        _draw_stages(axes, rows, size)
+    yield "Time by stage", f"Mean of a plan on {first}, whole job.", _in_page(figure)
     if len(sizes) > 1:
-        drawn.append(("Time against map size", by_size, [[_by_size(rows)]]))
-    for title, words, panels in drawn:
-        yield title, words, b64encode(encoded(chart(panels, _WIDE), dpi=200)).decode()
+        figure, (axes,) = panels(1, 1, _WIDE)
+        _draw_by_size(axes, rows)
+        words = f"On {first}: medians as lines, thin up to the slowest hundredth."
+        yield "Time against map size", words, _in_page(figure)
 
 
-def _stages(rows: Sequence[Facts], size: int) -> Panel:
+def _in_page(figure: "Figure") -> str:
+    return b64encode(encoded(with_legend(figure), dpi=200)).decode()
+
+
+def _draw_stages(axes: "Axes", rows: Sequence[Facts], size: int) -> None:
     """The stages of each planner's mean time, one after another."""
-    curves = []
-    for row in reversed(rows):
+    stages = stages_of(rows)
+    for row in reversed([row for row in rows if row["size"] == size]):
         left = 0.0
-        for at, stage in enumerate(stages_of(rows)):
-            spread = row["stages_ms"].get(stage)
-            if row["size"] == size and spread:
-                ends = [left, left + spread["mean"]]
-                curves.append(Curve(ends, [row["planner"]] * 2, "-", stage, f"C{at}", 10.0))
-                left = ends[1]
-    return Panel(f"{size}²", curves, "ms")
+        for at, stage in enumerate(stages):
+            if spread := row["stages_ms"].get(stage):
+                mean = spread["mean"]
+                name = row["planner"]
+                axes.barh(name, mean, left=left, height=0.4, color=f"C{at}", label=stage)
+                left += mean
+    axes.set(title=f"{size}²", xlabel="ms")
 
 
-def _by_size(rows: Sequence[Facts]) -> Panel:
+def _draw_by_size(axes: "Axes", rows: Sequence[Facts]) -> None:
     """Each planner's median time against the side of the map, and up to its slowest hundredth."""
-    curves = []
     for at, name in enumerate(dict.fromkeys(row["planner"] for row in rows)):
         own = [row for row in rows if row["planner"] == name]
+        sizes = [row["size"] for row in own]
         medians = [row["time_ms"]["median"] for row in own]
-        curves.append(Curve([row["size"] for row in own], medians, "o-", name, f"C{at}", 2.0))
-        for row in own:
-            times = [row["time_ms"]["median"], row["time_ms"]["p99"]]
-            curves.append(Curve([row["size"]] * 2, times, "-", "", f"C{at}", 0.8))
-    return Panel("", curves, "side of the map, cells", "median time of a query, ms", "xy")
+        axes.plot(sizes, medians, "o-", color=f"C{at}", label=name)
+        axes.vlines(sizes, medians, [row["time_ms"]["p99"] for row in own], colors=f"C{at}", lw=0.8)
+    axes.set(xlabel="side of the map, cells", ylabel="median time of a query, ms")
+    axes.set(xscale="log", yscale="log")

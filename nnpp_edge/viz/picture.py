@@ -1,22 +1,20 @@
-"""Pictures of cost maps, plans and what can be reached, with OpenCV alone, so that the onboard
-install can draw them.
+"""Pictures of plans and of what can be reached, with matplotlib (the extra `viz`).
 
-Under everything lies the relief, lit from the north-west and browner where a cell costs more;
-impassable cells are dark, unknown ones striped. A picture is (H, W, 3) uint8 in OpenCV's order
-blue, green, red.
+Under everything lies the relief, browner where a cell costs more; impassable cells are dark,
+unknown ones striped.
 """
 
+import io
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from typing import NamedTuple, TypeVar
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.arrays import Bool, Cells, Float2D, Floats, headings_along
-from nnpp_edge.runtime.cells import Cell, Rectangle, Sides, holding, slices, widened
+from nnpp_edge.runtime.arrays import Array, Bool, Cells, Float2D, Floats, headings_along
+from nnpp_edge.runtime.cells import Cell, Sides, slices
+from nnpp_edge.runtime.errors import optional_module
 from nnpp_edge.runtime.map.along import Line
 from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.runtime.planners.planner import Planner
@@ -40,65 +38,36 @@ from nnpp_edge.viz.palette import (
     REGION,
     START,
     UNKNOWN,
-    Colour,
+    rgb,
 )
-from nnpp_edge.viz.sheet import CIRCLE, LEAST_PIXELS, SHADES, Key, MapDrawing, Picture, swatch
+from nnpp_edge.viz.relief import FLAT, Chart, Shade, hillshade
 
-Shade = NDArray[np.uint8]
-"""(H, W) lightness of the relief, or a number for each cell."""
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.colors import Colormap
+    from matplotlib.figure import Figure
+    from matplotlib.image import AxesImage
+
 T = TypeVar("T", bound=np.generic)
 
 MOST_SHOWN = 1 << 20
 """Cells of a map whose poses are all checked for a picture, a tenth of a second."""
+_DEAR = 0.65
 _NO_STAND = 0.75
 _BAND = 0.5
 _TINT = 0.3
-_EDGE = 0.85
-"""How strongly cells are coloured where a vehicle stands in no heading, bands of what can be
-reached, regions, and the edge of the network's.
+"""How strongly cells are coloured where they cost most, where a vehicle stands in no heading, bands
+of what can be reached, and regions.
 """
-_DEAR = 0.65
-_SHUT = 0.85
-"""Likewise where a cell costs most, and where it is impassable."""
-_FLAT = 185
-"""Of the relief's lightness, level ground."""
+_SHADES = 16
+"""Of the relief, and of the costs on it: more are hardly seen, and make a file larger."""
 _MOST_CELLS = 2000
 """Of a side that is drawn: of one twice as long every second cell, and so on."""
-_AROUND = 0.15
-_LEAST_AROUND = 16
-"""Of the ground around a path that is shown: a share of its longer side, and cells."""
-_ZOOMED = 0.5
-"""Share of the map up to which a part of it is shown alone."""
-_PIECE = ((0.0, 0.0), (26.0, 0.0))
-"""Of a line, in the legend."""
-_STRIPES = [([(at, 7), (at + 13, -6)], UNKNOWN, 2.0) for at in (0, 9)]
-
-
-class Tint(NamedTuple):
-    """Cells that are coloured where they can be passed."""
-
-    cells: Bool
-    strength: float
-    colour: Colour
-    words: str
-    """Of the legend; empty for none."""
-
-
-class Drawn(NamedTuple):
-    """A line that is drawn, with a dark rim unless it is dark itself."""
-
-    places: Line
-    colour: Colour
-    width: float
-    """Points."""
-    words: str
-    """Of the legend."""
-
-    @property
-    def layers(self) -> tuple[tuple[Colour, float], ...]:
-        """Colours and widths, the lowest first."""
-        line = (self.colour, self.width)
-        return (line,) if self.colour == INK else ((INK, self.width + 2.0), line)
+_DPI = 100
+_INCHES = 9.0
+"""Of a map's longer side."""
+_LEAST_BODY = 0.07
+"""Inches of a vehicle's length: below, it would be a dot."""
 
 
 class Reached(NamedTuple):
@@ -112,163 +81,195 @@ class Reached(NamedTuple):
     """The nearest of these cells to the other end."""
 
 
-@dataclass(frozen=True, eq=False)
-class Chart:
-    """A map to draw on: what all pictures of it share."""
+class MapDrawing:
+    """A map on axes of matplotlib, by default those of a figure of its own, and what is drawn on
+    it: the first lowest, each with its words in the legend.
 
-    cost: Float2D
-    """(H, W) traversability cost; impassable where NaN or from 1 up."""
-    elevation: Float2D | None = None
-    """(H, W) metres, NaN where unknown; without it the ground is drawn level."""
-    sides_m: Sides | None = None
-    """Of a cell, along columns and along rows; None where unknown."""
-    north_deg: float | None = None
-    """Where grid north lies, clockwise from up the rows; None where unknown."""
+    Of the map the part around `places` is shown, each (N, 2), by default all; the ground is striped
+    where it is unknown, or `unseen` by a body. Its longer side has so many `inches`.
+    MissingExtraError without matplotlib.
+    """
 
-    @property
-    def whole(self) -> Rectangle:
-        """All of the map."""
-        return (0, 0, *self.cost.shape)
-
-    def around(self, places: Line) -> Rectangle:
-        """The part to show of what lies at these places (N, 2): the whole map, unless they take up
-        little of it.
-        """
-        inside = np.clip(np.rint(places).astype(np.int64), 0, np.subtract(self.cost.shape, 1))
-        row, col, rows, cols = holding(inside)
-        longest = max(rows, cols)
-        margin = max(math.ceil(_AROUND * longest), _LEAST_AROUND)
-        high = margin + max(2 * longest // 3 - rows, 0) // 2
-        wide = margin + max(2 * longest // 3 - cols, 0) // 2
-        part = widened((row, col, rows, cols), (high, wide), self.cost.shape)
-        return part if part[2] * part[3] <= _ZOOMED * self.cost.size else self.whole
-
-    def ground(self, part: Rectangle, step: int, tints: Sequence[Tint] = ()) -> Picture:
-        """A pixel for every `step`-th cell of a part."""
-
-        def drawn(cells: NDArray[T]) -> NDArray[T]:
-            return cells[slices(part)][::step, ::step]
-
-        cost = drawn(self.cost)
-        shade = None
-        if self.elevation is not None:
-            height, width = self.sides_m or (1.0, 1.0)
-            shade = hillshade(drawn(self.elevation), height * step, width * step)
-        picture = cost_picture(cost, shade)
-        for tint in tints:
-            on = drawn(tint.cells) & (cost < 1.0)
-            picture[on] = mixed(picture[on], tint.strength, tint.colour)
-        return picture
-
-    def picture(
+    def __init__(
         self,
-        start: Cell | None = None,
-        goal: Cell | None = None,
+        chart: Chart,
+        places: Sequence[Line] = (),
         *,
-        via: Sequence[Cell] = (),
-        lines: Sequence[Drawn] = (),
-        tints: Sequence[Tint] = (),
         unseen: Bool | None = None,
-        outlines: Sequence[Line] = (),
-        ended: Cell | None = None,
-        part: Rectangle | None = None,
-        facts: Iterable[str] = (),
-        begin: str = "start",
-        least: int = LEAST_PIXELS,
-    ) -> Picture:
-        """Draw a `part` of the map, by default all, with a legend.
+        axes: "Axes | None" = None,
+        inches: float = _INCHES,
+    ) -> None:
+        kinds = optional_module("matplotlib.figure", "a picture", "viz")
+        from matplotlib.colors import LinearSegmentedColormap, to_rgba
 
-        Lines lie one over the other, the first lowest; where a body cannot stand for what is
-        `unseen` the ground is striped as where it is unknown; `outlines` of a body are left out
-        where they would be dots; `ended` is where a search without a path did; the start's key is
-        `begin`.
-        """
-        row, col, rows, cols = part = part or self.whole
-        step = max(max(rows, cols) // _MOST_CELLS, 1)
-        drawing = MapDrawing(self.ground(part, step, tints), (row, col), step, least=least)
-        unknown = np.isnan(self.cost if self.elevation is None else self.elevation)
-        stripes_say = "unknown"
+        self._chart = chart
+        self._part = row, col, rows, cols = chart.around(places) if places else chart.whole
+        self._step = step = max(max(rows, cols) // _MOST_CELLS, 1)
+        self._inches = inches / max(rows, cols)
+        """Of a cell."""
+        if axes is None:
+            figure: Figure = kinds.Figure((cols * self._inches, rows * self._inches), dpi=_DPI)
+            axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+        self.axes = axes
+
+        # the ground, which lets stripes be seen where it is unknown
+        cost = self._shown(chart.cost)
+        rows, cols = cost.shape
+        right = col + cols * step
+        bottom = row + rows * step
+        self._extent = (col - 0.5, right - 0.5, bottom - 0.5, row - 0.5)
+        unknown = self._shown(chart.unknown)
+        words = "unknown"
         if unseen is not None and unseen.any():
-            unknown |= unseen
-            stripes_say = REFUSED[0][1]
-        drawing.hatched(unknown[slices(part)][::step, ::step])
-        there = [line for line in lines if len(line.places)]
-        for line in there:
-            for colour, width in line.layers:
-                drawing.line(line.places[:, :2], colour, width)
-        with_bodies = drawing.bodies(outlines)
-        marked = [(stop, str(number), PAPER) for number, stop in enumerate(via, 1)]
-        marked += [] if ended is None else [(ended, "x", ENDED)]
-        for cell, sign, colour in marked:
-            drawing.mark(cell, CIRCLE * 9.0, colour, sign)
-        if start is not None:
-            drawing.ends(start, goal)
-
-        # the legend, with the widest line first
-        keys: list[Key] = []
-        for line in sorted(there, key=lambda each: -each.width):
-            pieces = [(_PIECE, *layer) for layer in line.layers]
-            keys.append(Key(line.words, 28.0, pieces))
-        swatches = (
-            (START, begin, start),
-            (GOAL, "goal", goal),
-            (PAPER, "by way of", via),
-            (BODY, "vehicle", with_bodies),
-            *((tinted(tint), tint.words, tint.words) for tint in tints),
-            (ENDED, "where the search ended", ended),
-            (SHUT_GROUND, "impassable", (~(self.cost < 1.0) & ~unknown).any()),
-        )
-        keys += [swatch(colour, words) for colour, words, shown in swatches if shown]
+            unknown = unknown | self._shown(unseen)
+            words = REFUSED[0][1]
+        shut = ~(cost < 1.0)
+        shade = np.full(cost.shape, FLAT, np.uint8)
+        if chart.elevation is not None:
+            height, width = chart.sides_m or (1.0, 1.0)
+            shade = hillshade(self._shown(chart.elevation), step * height, step * width)
+        greys = LinearSegmentedColormap.from_list("greys", ("0.4", "1.0"), _SHADES)
+        self._layer(np.where(unknown, np.nan, shade), greys, 255.0)
+        browns = [to_rgba(COST, strength) for strength in (0.0, _DEAR)]
+        colours = LinearSegmentedColormap.from_list("costs", browns, _SHADES)
+        cost = np.where(shut, 2.0, cost)  # above all costs
+        cost[unknown] = np.nan
+        self._costs = self._layer(cost, colours.with_extremes(over=IMPASSABLE))
+        axes.set(xticks=[], yticks=[], autoscale_on=False)
+        axes.grid(visible=False)
+        self._passable = ~(shut | unknown)
         if unknown.any():
-            keys.append(Key(stripes_say, 22.0, _STRIPES))
-        costs = cost_picture(np.linspace(0.0, 0.999, 30, dtype=np.float32)[None])[0].tolist()
-        places = zip(range(7, 127, 4), costs, strict=True)
-        bar = [([(x, 0), (x + 4, 0)], colour, 13.0) for x, colour in places]
-        keys.append(Key("traversability cost, 0 to 1", 137.0, bar))
-        scale = drawing.scale(None if self.sides_m is None else self.sides_m[1])
-        return drawing.finish([keys, [*map(Key, facts), *scale, *drawing.north(self.north_deg)]])
+            axes.patch.set(facecolor=PAPER, edgecolor=UNKNOWN, hatch="////")
+            axes.fill([], [], facecolor=PAPER, edgecolor=UNKNOWN, hatch="////", label=words)
+        if (shut & ~unknown).any():
+            axes.fill([], [], color=IMPASSABLE, label="impassable")
+
+    def _shown(self, cells: NDArray[T]) -> NDArray[T]:
+        """Every `step`-th cell of the part."""
+        return cells[slices(self._part)][:: self._step, :: self._step]
+
+    def _layer(
+        self, image: Array, colours: "Colormap | None" = None, most: float = 1.0
+    ) -> "AxesImage":
+        large = self._inches * _DPI * self._step >= 1.0
+        how = "nearest" if large else "auto"  # cells are enlarged as they are, and reduced smoothly
+        return self.axes.imshow(
+            image, colours, extent=self._extent, interpolation=how, vmin=0.0, vmax=most
+        )
+
+    def tint(self, cells: Bool, strength: float, colour: str, words: str) -> None:
+        """Colour cells where they can be passed; the ground shows through."""
+        on = self._shown(cells) & self._passable
+        image = np.zeros((*on.shape, 4), np.uint8)
+        image[on] = (*rgb(colour), round(255 * strength))
+        self._layer(image)
+        self.axes.fill([], [], color=colour, alpha=strength, label=words)
+
+    def outline(self, cells: Bool, colour: str) -> None:
+        """Draw a line around cells."""
+        within = np.pad(cells, 1)
+        rows, cols = (np.arange(side) - 1 for side in within.shape)
+        self.axes.contour(cols, rows, within, levels=[0.5], colors=colour, linewidths=2.0)
+
+    def line(
+        self, places: Line, colour: str, width: float, words: str, rim: str | None = INK
+    ) -> None:
+        """Draw a line (N, 2) of so many points with a rim."""
+        from matplotlib.patheffects import withStroke
+
+        if not len(places):
+            return
+        rims = [] if rim is None else [withStroke(linewidth=width + 2.0, foreground=rim)]
+        self.axes.plot(
+            places[:, 1],
+            places[:, 0],
+            color=colour,
+            linewidth=width,
+            path_effects=rims,
+            label=words,
+        )
+
+    def bodies(self, outlines: Sequence[Line]) -> None:
+        """Draw outlines of a vehicle, unless they would be dots."""
+        sizes = [np.ptp(outline, axis=0).max() for outline in outlines]
+        if max(sizes, default=0.0) * self._inches < _LEAST_BODY:
+            return
+        # one line that is broken between them
+        gap = np.full((1, 2), np.nan)
+        broken = [each for outline in outlines for each in (outline, gap)]
+        self.line(np.concatenate(broken), BODY, 0.9, "vehicle", PAPER)
+
+    def mark(
+        self, cell: Cell, marker: str, colour: str, words: str, size: float = 9.0, sign: str = ""
+    ) -> None:
+        """Draw a place by a marker of so many points, with a sign in it."""
+        row, col = cell
+        self.axes.plot(
+            col,
+            row,
+            marker,
+            color=colour,
+            markeredgecolor=INK,
+            markersize=size,
+            zorder=3,
+            label=words,
+        )
+        self.axes.text(col, row, sign, ha="center", va="center", fontsize=8, clip_on=True)
+
+    def ends(self, start: Cell, goal: Cell, begin: str = "start") -> None:
+        """Draw a square at the start, and a star at the goal."""
+        self.mark(goal, "*", GOAL, "goal", size=16.0)
+        self.mark(start, "s", START, begin)
+
+    def finish(self, facts: Iterable[str] = ()) -> "Figure":
+        """Add the facts and a scale bar above the map, the legend and the costs' colours beside it,
+        where the figure is its own.
+        """
+        from matplotlib.ticker import MaxNLocator
+        from matplotlib.transforms import Affine2D
+        from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
+
+        axes = self.axes
+        figure: Figure = axes.figure  # type: ignore[assignment]  # none within another here
+        chart = self._chart
+        axes.set_title("   ".join(facts), loc="left", fontsize="medium")
+        if chart.sides_m is not None:
+            width_m = self._part[3] * chart.sides_m[1]
+            length_m = MaxNLocator(5, steps=[1, 2, 5, 10]).tick_values(0.0, width_m)[1]
+            bar = AnchoredSizeBar(
+                axes.transData,
+                length_m / chart.sides_m[1],
+                metres(length_m),
+                "lower right",
+                frameon=False,
+                bbox_to_anchor=(1.0, 1.0),
+                bbox_transform=axes.transAxes,
+            )
+            axes.add_artist(bar)
+        if chart.north_deg is not None:
+            arrow = [(-0.4, -1.0), (0.0, 1.0), (0.4, -1.0), (0.0, -0.6)]
+            turned = Affine2D().rotate_deg(-chart.north_deg).transform(arrow)
+            axes.plot(
+                [], [], linestyle="", marker=turned, markersize=14.0, color=INK, label="grid north"
+            )
+        figure.colorbar(
+            self._costs,
+            cax=axes.inset_axes((1.01, 0.0, 0.02, 1.0)),
+            label="traversability cost",
+        )
+        handles, labels = axes.get_legend_handles_labels()
+        place = (0.0, 0.0)
+        figure.legend(
+            handles, labels, loc="upper left", bbox_to_anchor=place, ncols=3, frameon=False
+        )
+        return figure
 
 
-def cost_picture(cost: Float2D, shade: Shade | None = None) -> Picture:
-    """A cell a pixel: the relief, (H, W) uint8 from `hillshade`, or level ground, the browner the
-    costlier; impassable cells, NaN or from 1 up, are dark.
-    """
-    passable = (cost < 1.0)[..., None]
-    lightness = np.float32(105.0) + np.float32(0.6) * (_FLAT if shade is None else shade)
-    lit = np.broadcast_to(lightness, cost.shape)[..., None]
-    strength = np.where(passable, _DEAR * cost.clip(0.0)[..., None], _SHUT).astype(np.float32)
-    colours = np.array((COST, IMPASSABLE), np.float32)
-    colour = np.where(passable, colours[0], colours[1])
-    picture: Picture = ((1.0 - strength) * lit + strength * colour).astype(np.uint8)
-    return picture & SHADES
-
-
-def mixed(ground: Picture, strength: float, colour: Colour) -> Picture:
-    """A colour laid over the ground, which shows through."""
-    return ((1.0 - strength) * ground + strength * np.array(colour)).astype(np.uint8) & SHADES
-
-
-SHUT_GROUND: Colour = tuple(cost_picture(np.ones((1, 1), np.float32))[0, 0].tolist())
-
-
-def hillshade(elevation: Float2D, cell_size_m: float, cell_width_m: float | None = None) -> Shade:
-    """Relief lit from the north-west: (H, W) uint8; unknown ground as if it were flat.
-
-    Heights are exaggerated so that the steepest tenth of the map stands out, but never flattened.
-    """
-    rows, cols = elevation.shape
-    # np.gradient wants two rows and columns
-    missing = [(0, max(2 - side, 0)) for side in elevation.shape]
-    padded = np.pad(elevation, missing, mode="edge")
-    slopes = np.nan_to_num(np.gradient(padded, cell_size_m, cell_width_m or cell_size_m))
-    south, east = slopes[:, :rows, :cols]
-    tilt = np.hypot(south, east)
-    steep = max(float(np.quantile(tilt, 0.9)), 1e-6)
-    gain = min(max(0.7 / steep, 1.0), 50.0)
-    # 45 degrees high, and as much from the north as from the west
-    toward = math.sqrt(0.5) + 0.5 * gain * (south + east)
-    light = toward / np.hypot(1.0, gain * tilt)
-    return np.asarray(40.0 + 205.0 * np.clip(light, 0.0, 1.0), np.uint8)
+def encoded(figure: "Figure", dpi: int = _DPI, box: object = "tight") -> bytes:
+    """The figure, or a box of it, as PNG."""
+    content = io.BytesIO()
+    figure.savefig(content, format="png", dpi=dpi, bbox_inches=box)
+    return content.getvalue()
 
 
 def plan_picture(
@@ -283,7 +284,7 @@ def plan_picture(
     refused: Shade | None = None,
     point_path: Cells | None = None,
     reached: Reached | None = None,
-) -> Picture:
+) -> "Figure":
     """Draw a plan on its map: region, path, start (square) and goal (star); where these take up
     little of the map the part around them.
 
@@ -307,59 +308,104 @@ def plan_picture(
     reached : Reached
         Where no path was found: what the search came to is tinted, and its end marked.
     """
-    lines = list(_lines(plan, reference_path, point_path))
-    ended = None if reached is None else reached.closest
-    stops = [each for each in (start, goal, *via, ended) if each is not None]
-    drawn = [line.places[:, :2].astype(np.float64) for line in lines]
-    return chart.picture(
-        start,
-        goal,
-        via=via,
-        lines=lines,
-        tints=list(_tints(plan, refused, reached)),
-        unseen=None if refused is None else refused == 1,
-        outlines=outlines,
-        ended=ended,
-        part=chart.around(np.concatenate([np.array(stops, np.float64), *drawn])),
-        facts=_facts(plan),
-    )
+    # the part that holds all of it
+    stops = [start, goal, *via]
+    if reached is not None:
+        stops.append(reached.closest)
+    paths = (plan.path, plan.line, reference_path, point_path)
+    places = [np.array(stops, np.int32), *(path for path in paths if path is not None)]
+    unseen = None if refused is None else refused == 1
+    drawing = MapDrawing(chart, places, unseen=unseen)
+
+    # areas
+    if plan.network_region is not None:
+        inside = plan.network_region.mask()
+        drawing.tint(inside, _TINT / 2, REGION, "network's region, outlined")
+        drawing.outline(inside, REGION)
+    if plan.region is not None:
+        drawing.tint(plan.region.mask(), _TINT, REGION, "region searched")
+    if reached is not None:
+        words = "reached from the start" if reached.begun == "start" else "leads to the goal"
+        drawing.tint(reached.cells, _TINT, REACHED, words)
+    if refused is not None:
+        for limit in np.unique(refused[refused > 1]).tolist():
+            drawing.tint(refused == limit, _NO_STAND, *REFUSED[limit - 1])
+
+    # paths
+    arcs = plan.states is not None
+    freed = plan.line is not plan.path and not arcs
+    if point_path is not None:
+        other = "path with turns on the spot" if arcs else "path of a point"
+        drawing.line(point_path, POINT, 1.8, other)
+    if freed:
+        drawing.line(plan.path, GRID, 1.5, "path of the grid")
+    words = "path of arcs" if arcs else "path freed from the grid" if freed else "path"
+    drawing.line(plan.line, PATH, 4.0, words)
+    if reference_path is not None:
+        drawing.line(reference_path, OPTIMUM, 0.9, "exact optimum", None)
+
+    # places
+    drawing.bodies(outlines)
+    for number, stop in enumerate(via, 1):
+        words = "by way of" if number == 1 else ""
+        drawing.mark(stop, "o", PAPER, words, size=13.0, sign=str(number))
+    if reached is not None:
+        drawing.mark(reached.closest, "X", ENDED, "where the search ended")
+    drawing.ends(start, goal)
+    return drawing.finish(_facts(plan))
+
+
+def _facts(plan: Plan) -> Iterator[str]:
+    """What stands above the map about the plan."""
+    yield plan.method if plan.source is None else f"{plan.method} ({plan.source})"
+    if not plan.ok:
+        yield str(plan.status)
+    if len(plan.path):
+        yield f"cost {plan.cost:.5g}"
+        if plan.waypoints is not None:
+            yield f"line integral {plan.line_cost:.5g}"
+        metric = plan.along is not None
+        yield f"length {metres(plan.numbers.length_m) if metric else f'{plan.length:.4g} cells'}"
+    if "total" in plan.timings_ms:
+        yield f"{plan.timings_ms['total']:.4g} ms"
 
 
 def reach_picture(
     chart: Chart, field: Float2D, levels: Sequence[tuple[float, str]], start: Cell
-) -> Picture:
+) -> "Figure":
     """Draw bands of what can be reached at what cost, the nearest first, on the part of the map
     around them.
 
     `field` is (H, W) float32, the cost of getting to each cell, inf where that is not possible;
-    `levels` say where each band ends, ascending, and what the legend says of it (ASCII).
+    `levels` say where each band ends, ascending, and what the legend says of it.
     """
+    drawing = MapDrawing(chart, [np.argwhere(np.isfinite(field))])  # type: ignore[list-item]
+
+    from matplotlib import colormaps
+    from matplotlib.colors import to_hex
+
     band = np.searchsorted([level for level, _ in levels], field)
-    # along a scale from dark to light
-    middles = 255 * (np.arange(len(levels)) + 0.5) / len(levels)
-    scale = np.rint(middles[None]).astype(np.uint8)
-    colours = cv2.applyColorMap(scale, cv2.COLORMAP_PLASMA)[0].tolist()
-    tints = [
-        Tint(band == at, _BAND, colour, words)
-        for at, (colour, (_, words)) in enumerate(zip(colours, levels, strict=True))
-    ]
-    part = chart.around(np.argwhere(np.isfinite(field)).astype(np.int32))
-    return chart.picture(start, tints=tints, part=part)
+    for at, (_, words) in enumerate(levels):
+        colour = to_hex(colormaps["plasma"]((at + 0.5) / len(levels)))
+        drawing.tint(band == at, _BAND, colour, words)
+    drawing.mark(start, "s", START, "start")
+    return drawing.finish()
 
 
 def body_outlines(
     path: Line,
-    vehicle: Vehicle,
+    vehicle: Vehicle | None,
     sides_m: Sides,
     headings_deg: Line | None = None,
 ) -> list[Floats]:
     """(N, 2) the body's outline, rows and columns, and a line from its front to its middle, all
     along a path.
 
-    One at every second body length, at most a hundred; none for a path of less than two cells. Its
-    headings (N,), in degrees clockwise from up the rows, are by default those to the next place.
+    One at every second body length, at most a hundred; none of a point, nor for a path of less than
+    two cells. Its headings (N,), in degrees clockwise from up the rows, are by default those to the
+    next place.
     """
-    if len(path) < 2 or not vehicle.reach_m:
+    if vehicle is None or not vehicle.reach_m or len(path) < 2:
         return []
     steps = np.diff(path, axis=0) * sides_m
     along = np.concatenate(([0.0], np.cumsum(np.hypot(*steps.T))))
@@ -367,7 +413,9 @@ def body_outlines(
     # the body in metres ahead of its middle and to its left: from the front's middle around, and
     # to the middle
     if vehicle.radius_m is not None:
-        ahead, left = vehicle.radius_m * CIRCLE.T
+        turn = np.linspace(0.0, 2.0 * math.pi, 33)
+        ahead = vehicle.radius_m * np.cos(turn)
+        left = vehicle.radius_m * np.sin(turn)
     else:
         ahead = vehicle.length_m / 2.0 * np.array([1, 1, -1, -1, 1, 1])
         left = vehicle.width_m / 2.0 * np.array([0, 1, 1, -1, -1, 0])
@@ -395,61 +443,3 @@ def refused_on(planner: Planner) -> Shade | None:
     if poses is None or math.prod(planner.shape) > MOST_SHOWN:
         return None
     return refusals(poses.standing())
-
-
-def png_bytes(picture: Picture) -> bytes:
-    """Encode a picture as PNG."""
-    return cv2.imencode(".png", picture, (cv2.IMWRITE_PNG_COMPRESSION, 4))[1].tobytes()
-
-
-def _tints(plan: Plan, refused: Shade | None, reached: Reached | None) -> Iterator[Tint]:
-    """Cells that are tinted."""
-    if plan.network_region is not None:
-        inside = plan.network_region.mask()
-        within = cv2.erode(inside.astype(np.uint8), np.ones((3, 3), np.uint8))
-        yield Tint(inside, _TINT / 2, REGION, "network's region, outlined")
-        yield Tint(inside & (within == 0), _EDGE, REGION, "")
-    if plan.region is not None:
-        yield Tint(plan.region.mask(), _TINT, REGION, "region searched")
-    if reached is not None:
-        words = "reached from the start" if reached.begun == "start" else "leads to the goal"
-        yield Tint(reached.cells, _TINT, REACHED, words)
-    if refused is not None:
-        for limit in np.unique(refused[refused > 1]).tolist():
-            yield Tint(refused == limit, _NO_STAND, *REFUSED[limit - 1])
-
-
-def _lines(plan: Plan, reference_path: Line | None, point_path: Line | None) -> Iterator[Drawn]:
-    """Paths that are drawn, the lowest first."""
-    arcs = plan.states is not None
-    freed = plan.line is not plan.path and not arcs
-    words = "path of arcs" if arcs else "path freed from the grid" if freed else "path"
-    if point_path is not None:
-        other = "path with turns on the spot" if arcs else "path of a point"
-        yield Drawn(point_path, POINT, 2.5, other)
-    if freed:
-        yield Drawn(plan.path, GRID, 2.0, "path of the grid")
-    yield Drawn(plan.line, PATH, 5.0, words)
-    if reference_path is not None:
-        yield Drawn(reference_path, OPTIMUM, 1.2, "exact optimum")
-
-
-def _facts(plan: Plan) -> Iterator[str]:
-    """Lines of the legend about the plan."""
-    yield plan.method if plan.source is None else f"{plan.method} ({plan.source})"
-    if not plan.ok:
-        yield str(plan.status)
-    if len(plan.path):
-        yield f"cost {plan.cost:.5g}"
-        if plan.waypoints is not None:
-            yield f"line integral {plan.line_cost:.5g}"
-        metric = plan.along is not None
-        yield f"length {metres(plan.numbers.length_m) if metric else f'{plan.length:.4g} cells'}"
-    if "total" in plan.timings_ms:
-        yield f"{plan.timings_ms['total']:.4g} ms"
-
-
-def tinted(tint: Tint) -> Colour:
-    """Its colour on level ground."""
-    ground = cost_picture(np.zeros((1, 1), np.float32))[0, 0]
-    return tuple(mixed(ground, tint.strength, tint.colour).tolist())

@@ -69,7 +69,6 @@ def test_a_time_an_energy_or_any_cost_is_reached_as_the_planner_reaches_it(run, 
     body = {"vehicle": replace(load_vehicle("large-rover"), max_tilt_deg=40.0, clearance_m=1.5)}
     for words, most, unit, step_cost, made in (
         ("--within-time 1min --step-cost tobler", 60.0, "s", "tobler", {}),
-        ("--within-time 1min --step-cost irmischer", 60.0, "s", "irmischer", {}),
         (f"--within-time 1min --step-cost tobler {BODY}", 60.0, "s", "tobler", body),
         (f"--within-time 1h {BODY}", 3600.0, "s", "time", speeds | body),
         (f"--within-energy 30kJ {BODY}", 3e4, "J", "energy", speeds | body),

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import rasterio.shutil
 
+from nnpp_edge.runtime.map.along import Numbers
 from nnpp_edge.terrain import rasters
 from nnpp_edge.terrain.synthetic import synthetic_terrain
 from tests.strategies import flat
@@ -33,7 +34,7 @@ def ground(run):
 
 
 def test_a_plan_by_windows_is_that_of_the_map_in_memory(run, told, ground):
-    words = f"plan ground.tif {ENDS} {LIMIT}"
+    words = f"plan ground.tif {ENDS} {LIMIT} --via 250,100 --via 60,200 --best-order"
     whole = told(f"{words} --method corridor -o whole")
     ended = run(f"{words} -o windows {SMALL} --json")
     assert ended.code == 0
@@ -42,8 +43,13 @@ def test_a_plan_by_windows_is_that_of_the_map_in_memory(run, told, ground):
         in ended.err
     )
     found = ended.json
-    same = ("status", "method", "source", "cost", "length", "length_m", "rows")
-    assert [found[name] for name in same] == [whole[name] for name in same]
+    assert found["via"]["stops"] == whole["via"]["stops"]
+    same = ("cost", *Numbers._fields)
+    for one, other in (
+        (found, whole),
+        *zip(found["via"]["legs"], whole["via"]["legs"], strict=True),
+    ):
+        assert [one[name] for name in same] == [other[name] for name in same]
     # in memory the bound knows the cheapest cell
     assert 0.9 * whole["lower_bound"] < found["lower_bound"] <= whole["cost"]
     tables = [
