@@ -52,8 +52,13 @@ def compile_all(listed: Path, level: str) -> None:
         llvm.initialize_all_asmprinters()
         llvm.get_process_triple = lambda: TRIPLE
         llvm.Target.from_default_triple = classmethod(lambda target: target.from_triple(TRIPLE))
+    from numba.core.annotations.type_annotations import TypeAnnotation
+
     import nnpp_edge.runtime.exercises  # noqa: F401 - all modules
     from nnpp_edge.runtime.compiled import cache, places
+
+    # a fifth of each file, which numba's inspect_types alone reads, with addresses of this process
+    TypeAnnotation.__str__ = lambda annotation: ""
 
     types = pickle.loads(listed.read_bytes())
     for name, signatures in types.items():
@@ -130,6 +135,7 @@ def main(folder: Path, *names: str) -> None:
                 "NUMBA_CPU_NAME": level,
                 "NUMBA_CPU_FEATURES": features,
                 "NUMBA_CACHE_DIR": kept,
+                "PYTHONHASHSEED": "0",  # the order of sets is in the code: the same makes the same
             }
             name, folder = step("compile", level, **chosen)
             return name, Path(folder)
