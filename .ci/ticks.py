@@ -1,0 +1,88 @@
+"""What a tick of the loop takes, and what garbage collection and loading take of it.
+
+python .ci/ticks.py TICKS RATE [options of nnpp-edge simulate]
+
+A simulated robot drives on and on, with the deadlines of the rate, but nothing is waited for: in the
+place of a sleep the next tick is moved here. Reading the inputs is not counted, as the scene is
+simulated there.
+"""
+
+import contextlib
+import gc
+import json
+import sys
+import time
+from io import StringIO
+
+BEGAN = time.perf_counter()
+import numpy as np
+
+from nnpp_edge.cli.main import cli
+from nnpp_edge.robot.transports.wire import encode
+from nnpp_edge.runtime.exercises import exercise
+from nnpp_edge.runtime.loop import runner
+from nnpp_edge.simulation import simulate
+
+took = []
+"""Of each tick seconds, and seconds of this thread on a processor."""
+collections = []
+"""Seconds of each garbage collection."""
+
+
+class Unwaiting(runner.Loop):
+    """Moves the next tick here in place of sleeping until it is due."""
+
+    def _sleep(self, seconds):
+        left_s = seconds - runner._WAKE_S
+        if left_s <= 0.0 or not self.navigator.go_on(left_s):
+            self._ticker._origin -= seconds
+        return self._stopping
+
+    def _read_inputs(self, began):
+        if not took:
+            collections.clear()  # of before the first tick
+        super()._read_inputs(began)
+        self.read = time.perf_counter(), time.thread_time()
+
+    def _tick(self):
+        message = super()._tick()
+        encode(message)  # as a sink does, in a thread of its own
+        read_s, read_cpu_s = self.read
+        took.append((time.perf_counter() - read_s, time.thread_time() - read_cpu_s))
+        return message
+
+
+def note_collection(phase, info):
+    """Begin, or end, to count a garbage collection."""
+    collections.append(time.perf_counter() - (collections.pop() if phase == "stop" else 0.0))
+
+
+def quantiles(name, seconds):
+    shares = np.quantile(seconds, [0.5, 0.99, 0.999])
+    figures = ", ".join(f"{1e3 * each:.2f}" for each in (*shares, np.max(seconds)))
+    print(f"{name}: p50, p99, p99.9, slowest {figures} ms")
+
+
+def main(ticks, rate, *options):
+    print(f"imports: {time.perf_counter() - BEGAN:.2f} s")
+    began = time.perf_counter()
+    exercise()
+    print(f"all kernels and a network loaded: {time.perf_counter() - began:.2f} s")
+    simulate.Loop = Unwaiting
+    gc.callbacks.append(note_collection)
+    words = f"simulate --endless --workload limit20 --size 512 --ticks {ticks} --rate {rate} --json"
+    with contextlib.redirect_stdout(StringIO()) as printed:
+        cli.main([*words.split(), *options], standalone_mode=False)
+    gc.callbacks.clear()
+    drive = json.loads(printed.getvalue())
+    elapsed, on_processor = np.array(took).T
+    late = int((elapsed > 1.0 / float(rate)).sum())
+    counts = "planned", "kept", "failed", "goals", "forbidden"
+    print(f"{len(took)} ticks at {rate} Hz, {late} late:", {name: drive[name] for name in counts})
+    quantiles("a tick", elapsed)
+    quantiles("of it on a processor", on_processor)
+    quantiles(f"{len(collections)} garbage collections, each", collections)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
