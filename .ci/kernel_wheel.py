@@ -94,6 +94,8 @@ def pack(folder: Path, machine: str, compiled: dict[str, Path]) -> Path:
         "License-Expression: Apache-2.0\nLicense-File: LICENSE\nRequires-Python: "
         f"=={python[2]}.{python[3:]}.*\n"
         f"Requires-Dist: nnpp-edge=={__version__}\nRequires-Dist: numba=={numba.__version__}\n"
+        "Description-Content-Type: text/plain\n\n"
+        "Machine code that nnpp-edge would else compile at its first start. It is found by itself.\n"
     ).encode()
     tags = "".join(f"Tag: {python}-none-{each}\n" for each in tag.split("-")[2].split("."))
     files[f"{info}/WHEEL"] = (
