@@ -121,7 +121,7 @@ try-release: build/release/SHA256SUMS
 	$(MAKE) --no-print-directory try-bundle
 
 bundle: build/release/SHA256SUMS
-	.ci/bundle $(PLATFORM) $(TARGET_PYTHON)
+	.ci/bundle $(PYTHON) $(PLATFORM) $(TARGET_PYTHON)
 
 try-bundle: bundle
 	.ci/try-bundle $(PYTHON) build/bundle/nnpp-edge-*-cp$(subst .,,$(TARGET_PYTHON))-$(PLATFORM)
