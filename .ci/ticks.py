@@ -27,6 +27,8 @@ elapsed = array("d")
 """Seconds of each tick."""
 on_processor = array("d")
 """Of these those in which this thread ran."""
+slowest = [0.0, None]
+"""Most of these seconds, and the answer of that tick."""
 collections = []
 """Seconds of each garbage collection."""
 
@@ -52,6 +54,8 @@ class Unwaiting(runner.Loop):
         read_s, read_cpu_s = self.read
         elapsed.append(time.perf_counter() - read_s)
         on_processor.append(time.thread_time() - read_cpu_s)
+        if on_processor[-1] > slowest[0]:
+            slowest[:] = on_processor[-1], message
         return message
 
 
@@ -85,6 +89,8 @@ def main(ticks, rate, *options):
     )
     quantiles("a tick", elapsed)
     quantiles("of it on a processor", on_processor)
+    message = slowest[1]
+    print(f"slowest: tick {message.tick}, {message.outcome} by {message.origin}: {message.reason}")
     quantiles(f"{len(collections)} garbage collections, each", collections)
 
 
