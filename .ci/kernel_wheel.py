@@ -37,7 +37,7 @@ def note_types(listed: Path, *names: str) -> None:
                 isinstance(getattr(value, "_cache", None), KernelCache)
                 and value.py_func.__module__ == info.name
             ):
-                found[f"{info.name}:{name}"] = value.signatures
+                found[f"{info.name}:{name}"] = sorted(value.signatures, key=str)
     listed.write_bytes(pickle.dumps({name: found[name] for name in names or found if found[name]}))
 
 
