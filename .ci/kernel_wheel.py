@@ -15,6 +15,7 @@ import pickle
 import pkgutil
 import subprocess
 import sys
+from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
@@ -52,13 +53,24 @@ def compile_all(listed: Path, level: str) -> None:
         llvm.initialize_all_asmprinters()
         llvm.get_process_triple = lambda: TRIPLE
         llvm.Target.from_default_triple = classmethod(lambda target: target.from_triple(TRIPLE))
+    from numba.core import ir
     from numba.core.annotations.type_annotations import TypeAnnotation
+    from numba.np.ufunc import array_exprs
 
     import nnpp_edge.runtime.exercises  # noqa: F401 - all modules
     from nnpp_edge.runtime.compiled import cache, places
 
-    # a fifth of each file, which numba's inspect_types alone reads, with addresses of this process
+    # the same whatever the process and the folder: without a fifth of each file, which numba's
+    # inspect_types alone reads, addresses in names, and paths of sources that errors name
+    numbers = count()
+    array_exprs.hex = lambda address: str(next(numbers))
     TypeAnnotation.__str__ = lambda annotation: ""
+    begin = ir.Loc.__init__
+
+    def begin_within_packages(loc: ir.Loc, filename: str, *rest: object, **named: object) -> None:
+        begin(loc, filename.rpartition("site-packages/")[2], *rest, **named)
+
+    ir.Loc.__init__ = begin_within_packages
 
     types = pickle.loads(listed.read_bytes())
     for name, signatures in types.items():
