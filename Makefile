@@ -9,6 +9,10 @@
 # with the newest and with the oldest packages that it takes (.ci/oldest.txt). PYTHON=python3.12 tries another Python.
 # make kernel-wheels: wheels of compiled kernels (nnpp-edge-kernels), for x86-64-v3 and -v4 and for 64-bit ARM, all made on
 # this x86-64 machine, one for each of PYTHONS that is to be had; some minutes for each.
+# make release: all of that, a source distribution, what the onboard install consists of, notes and checksums, into
+# build/release; the same commit gives the same bytes. make try-release: each of these tried as a user will.
+# make bundle PLATFORM=aarch64 TARGET_PYTHON=3.11: of the release, a folder with every wheel for a robot without internet.
+# make try-bundle: the bundle for this machine, bare and without a network.
 # make try-aarch64: as root, both wheels on an emulated 64-bit ARM processor: the same plans as here, and fast tests. PYTHON is
 # to be 3.11.
 # make ros: the ROS 2 node beside plain rclpy, on the wheels of ROS 2 Kilted (x86-64), in an environment of its own.
@@ -17,6 +21,8 @@
 PYTHON ?= python3
 PYTHONS ?= python3.11 python3.12 python3.13
 MINUTES ?= 30
+PLATFORM ?= $(shell uname -m)
+TARGET_PYTHON ?= $(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])')
 DEMO := .venv-demo
 DEV := .venv-dev
 TRY = .ci/try-wheel $(PYTHON) build/wheel/nnpp_edge-*.whl
@@ -26,7 +32,7 @@ DOCS := .venv-docs
 ROS := .venv-ros
 
 .PHONY: demo check test coverage bench results docs ros fuzz kernels lint spelling types contract format wheel kernel-wheels try-aarch64 \
-	try-wheel try-oldest clean
+	try-wheel try-oldest release try-release bundle try-bundle clean
 
 $(DEMO)/ready: pyproject.toml
 	$(PYTHON) -m venv $(DEMO)
@@ -104,11 +110,28 @@ try-aarch64:
 	$(MAKE) --no-print-directory kernel-wheels PYTHONS=$(PYTHON)
 	.ci/try-aarch64 $(PYTHON)
 
+release: kernel-wheels
+	.ci/release $(PYTHON) $(TAG)
+
+build/release/SHA256SUMS:
+	$(MAKE) --no-print-directory release
+
+try-release: build/release/SHA256SUMS
+	.ci/try-release $(PYTHON)
+	$(MAKE) --no-print-directory try-bundle
+
+bundle: build/release/SHA256SUMS
+	.ci/bundle $(PYTHON) $(PLATFORM) $(TARGET_PYTHON)
+
+try-bundle: bundle
+	.ci/try-bundle $(PYTHON) build/bundle/nnpp-edge-*-cp$(subst .,,$(TARGET_PYTHON))-$(PLATFORM)
+
 try-wheel: wheel
 	$(TRY)
 
 try-oldest: wheel
 	$(TRY) --constraint .ci/oldest.txt
+
 $(DOCS)/ready: pyproject.toml
 	$(PYTHON) -m venv $(DOCS)
 	$(DOCS)/bin/pip install --quiet --disable-pip-version-check --editable '.[docs]'

@@ -15,6 +15,7 @@ import pickle
 import pkgutil
 import subprocess
 import sys
+from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
@@ -37,7 +38,7 @@ def note_types(listed: Path, *names: str) -> None:
                 isinstance(getattr(value, "_cache", None), KernelCache)
                 and value.py_func.__module__ == info.name
             ):
-                found[f"{info.name}:{name}"] = value.signatures
+                found[f"{info.name}:{name}"] = sorted(value.signatures, key=str)
     listed.write_bytes(pickle.dumps({name: found[name] for name in names or found if found[name]}))
 
 
@@ -52,8 +53,24 @@ def compile_all(listed: Path, level: str) -> None:
         llvm.initialize_all_asmprinters()
         llvm.get_process_triple = lambda: TRIPLE
         llvm.Target.from_default_triple = classmethod(lambda target: target.from_triple(TRIPLE))
+    from numba.core import ir
+    from numba.core.annotations.type_annotations import TypeAnnotation
+    from numba.np.ufunc import array_exprs
+
     import nnpp_edge.runtime.exercises  # noqa: F401 - all modules
     from nnpp_edge.runtime.compiled import cache, places
+
+    # the same whatever the process and the folder: without a fifth of each file, which numba's
+    # inspect_types alone reads, addresses in names, and paths of sources that errors name
+    numbers = count()
+    array_exprs.hex = lambda address: str(next(numbers))
+    TypeAnnotation.__str__ = lambda annotation: ""
+    begin = ir.Loc.__init__
+
+    def begin_within_packages(loc: ir.Loc, filename: str, *rest: object, **named: object) -> None:
+        begin(loc, filename.rpartition("site-packages/")[2], *rest, **named)
+
+    ir.Loc.__init__ = begin_within_packages
 
     types = pickle.loads(listed.read_bytes())
     for name, signatures in types.items():
@@ -89,6 +106,8 @@ def pack(folder: Path, machine: str, compiled: dict[str, Path]) -> Path:
         "License-Expression: Apache-2.0\nLicense-File: LICENSE\nRequires-Python: "
         f"=={python[2]}.{python[3:]}.*\n"
         f"Requires-Dist: nnpp-edge=={__version__}\nRequires-Dist: numba=={numba.__version__}\n"
+        "Description-Content-Type: text/plain\n\n"
+        "Machine code that nnpp-edge would else compile at its first start. It is found by itself.\n"
     ).encode()
     tags = "".join(f"Tag: {python}-none-{each}\n" for each in tag.split("-")[2].split("."))
     files[f"{info}/WHEEL"] = (
@@ -130,6 +149,7 @@ def main(folder: Path, *names: str) -> None:
                 "NUMBA_CPU_NAME": level,
                 "NUMBA_CPU_FEATURES": features,
                 "NUMBA_CACHE_DIR": kept,
+                "PYTHONHASHSEED": "0",  # the order of sets is in the code: the same makes the same
             }
             name, folder = step("compile", level, **chosen)
             return name, Path(folder)

@@ -2,6 +2,8 @@
 
 import dataclasses
 import re
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
@@ -13,6 +15,7 @@ ROOT = Path(__file__).parent.parent
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 MAKEFILE = (ROOT / "Makefile").read_text()
 TARGETS = set(re.findall(r"^([a-z][\w-]*):", MAKEFILE, re.MULTILINE))
+RELEASE = ROOT / ".github/workflows/release.yml"
 OLDEST = ROOT / ".ci" / "oldest.txt"
 yaml = pytest.importorskip("yaml")
 
@@ -35,9 +38,11 @@ def test_every_step_of_the_workflow_is_a_target_of_the_makefile(jobs):
                 each["target"] for each in job["strategy"]["matrix"]["include"]
             }
             named |= several or {target[1]}
+    named |= set(re.findall(r"- run: make (\S+)", RELEASE.read_text()))
     assert (
         named <= TARGETS
         and {"test", "coverage", "try-wheel", "try-oldest", "try-aarch64", "docs"} <= named
+        and {"release", "try-release"} <= named
     )
 
 
@@ -103,16 +108,29 @@ def test_every_choice_by_name_is_there_and_documented():
     assert set(runtime.DynamicMethod) == set(options.METHODS)
 
 
-def test_the_citation_and_the_changelog_name_this_version():
+def test_the_version_stands_in_one_place_and_the_changelog_has_its_section():
     from nnpp_edge import __version__
 
+    assert "version" in PYPROJECT["project"]["dynamic"]
     cited = yaml.safe_load((ROOT / "CITATION.cff").read_text())
-    assert (cited["cff-version"], cited["version"], cited["license"]) == (
-        "1.2.0",
-        __version__,
-        "Apache-2.0",
-    )
+    assert cited["license"] == "Apache-2.0" and not {"version", "date-released"} & set(cited)
     heads = re.findall(r"^## (.+)$", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
-    assert heads[0] == "[Unreleased]" and f"[{__version__}] - {cited['date-released']}" in heads
+    assert heads[0] == "[Unreleased]"
+    assert any(head.startswith(f"[{__version__}] - ") for head in heads)
     kinds = set(re.findall(r"^### (.+)$", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE))
     assert kinds <= {"Added", "Changed", "Deprecated", "Removed", "Fixed", "Security"}
+
+
+def test_a_release_is_of_a_commit_and_its_tag_of_the_version(tmp_path):
+    from nnpp_edge import __version__
+
+    subprocess.run(["git", "clone", "--quiet", "--depth=1", f"file://{ROOT}", tmp_path], check=True)
+    make = (".ci/release", sys.executable, "v9.9.9")
+    for change, problem in (
+        ("", f"wanted the tag v{__version__}, got v9.9.9\n"),
+        ("more", "a release is made of a commit: wanted no changes, got CITATION.cff \n"),
+    ):
+        with (tmp_path / "CITATION.cff").open("a") as file:
+            file.write(change)
+        ended = subprocess.run(make, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
+        assert (ended.returncode, ended.stderr) == (2, problem)

@@ -390,12 +390,20 @@ def test_tables_of_results_are_those_of_the_run_that_is_kept():
     assert told in " ".join(text.split())
 
 
-def test_installs_are_those_that_error_lines_name():
-    """A release changes `INSTALL`, and this test lists the pages that go with it."""
-    wheel = '"$(ls nnpp_edge-*.whl)'  # what a shell makes of the file's name
-    known = {wheel, *re.findall(r"pip install (.*?)\[\{0\}\]", INSTALL)}
+def test_how_it_is_installed_stands_on_one_page_as_in_error_lines():
+    """A release changes `INSTALL` and this page. Robots get a bundle."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    extras = project["optional-dependencies"].keys()
+    bundle = "pip install --no-index --find-links . nnpp-edge nnpp-edge-kernels"
+    assert f"{bundle}\n" in (ROOT / ".ci/bundle").read_text()
+    others = ("pip install uv", "pip install mcap-ros2-support")
+    by_page = {"docs/start.md": INSTALL.partition("{0}")[0], "docs/deploy.md": bundle}
     for path in DOCUMENTS:
-        for form, named in re.findall(r"pip install ([^\n`[]*)\[([a-z,]+)\]", path.read_text()):
-            assert form in known and extras >= set(named.split(",")), (name_of(path), form, named)
+        lines = re.findall(r"pip install [^`\n]+", path.read_text())
+        begins = by_page.get(name_of(path), others)
+        assert all(line.startswith(begins) for line in lines), (name_of(path), lines)
+        assert lines or name_of(path) not in by_page
+        for named in re.findall(r"the extras? `([a-z,]+)`", path.read_text()):
+            assert set(named.split(",")) <= set(project["optional-dependencies"]), named
+    for folder in ("nnpp_edge", "runtime", "export", "calibrate"):
+        for path in (ROOT / folder).rglob("*.py"):
+            assert "pip install" not in path.read_text() or path.name == "errors.py", path

@@ -1,6 +1,7 @@
 """A report as people read it and in the formats of others' continuous integration."""
 
 import json
+import os
 import re
 import subprocess
 import xml.etree.ElementTree as ET
@@ -126,11 +127,12 @@ def test_the_documented_job_measures_again_where_there_is_no_verdict(
     codes = codes.split(", ")
     for at, each in enumerate(codes):
         (tmp_path / f"code-{at}").write_text(each)
-    program = tmp_path / ".venv/bin/nnpp-edge"
-    program.parent.mkdir(parents=True)
+    program = tmp_path / "nnpp-edge"
     program.write_text("#!/bin/sh\necho $* >> calls\nexit $(cat code-$(($(wc -l < calls) - 1)))\n")
     program.chmod(0o755)
-    ended = subprocess.run(["bash", "-e", "-c", script], cwd=tmp_path, timeout=60)
+    path = {"PATH": f"{tmp_path}:{os.environ['PATH']}"}
+    job = ["bash", "-e", "-c", script]
+    ended = subprocess.run(job, cwd=tmp_path, env=os.environ | path, timeout=60)
     calls = (tmp_path / "calls").read_text().splitlines()
     assert (ended.returncode, len(calls)) == (int(code), len(codes))
 

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shutil
 import signal
 import socket
 import subprocess
@@ -91,6 +92,29 @@ def test_the_script_in_the_documentation_runs_as_it_stands(dem, tmp_path):
     assert (first["path"][0], first["path"][-1]) == ([5, 5], [60, 70])
     assert second["map_version"] == 1
     assert not {(30, 30), (30, 31), (30, 32)} & set(map(tuple, second["path"]))
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not shutil.which("g++"), reason="there is no compiler of C++")
+def test_the_client_in_cpp_is_led_to_its_goal(dem, tmp_path):
+    source = ROOT / "examples/cpp/client.cpp"
+    assert len(source.read_text().splitlines()) <= 60
+    options = ("-std=c++17", "-Wall", "-Wextra", "-Werror")
+    subprocess.run(["g++", *options, "-o", tmp_path / "client", source], check=True)
+    client = [tmp_path / "client", "5", "5", "20", "30"]
+    for map_file, code in ((dem, 0), (tmp_path / "none.npz", 1)):
+        ended = subprocess.run(
+            [*client, *RUN, "--map", map_file, *QUICK],
+            capture_output=True,
+            text=True,
+            timeout=120,
+        )
+        cells = [int(line.split()[0]) for line in ended.stdout.splitlines()]
+        assert (ended.returncode, "Traceback" in ended.stderr) == (code, False), ended.stderr
+        if code:
+            assert cells == [0]
+        else:  # at least as many cells as rows or columns lie between; a cell is driven a tick
+            assert cells[0] >= 26 and cells[-1] == 3 and len(cells) >= 24
 
 
 def test_it_tells_the_manager_stops_when_told_to_and_keeps_what_it_recorded(dem, tmp_path):
