@@ -52,6 +52,7 @@ def command(
     speed: Annotated[int, "Cells a tick."] = 1,
     rocks: Annotated[float, options.Real(0.0, 0.2), "Share of the ground under rocks."] = 0.0,
     seed: options.Seed = 1,
+    endless: Annotated[bool, "Drive from goal to goal for all --ticks."] = False,
     log: Annotated[Path | None, "Write inputs and answers as MCAP with ROS 2 messages."] = None,
     picture: Annotated[Path | None, ".png of the way driven, or .gif of the drive."] = None,
     as_json: options.AsJson = False,
@@ -93,6 +94,7 @@ def command(
         sight=sight,
         speed=speed,
         seed=seed,
+        endless=endless,
         steps=steps,
     )
     film = film_of(picture)
@@ -138,7 +140,7 @@ def command(
         in_file = ground.in_file(cell)
         result |= {name: in_file, f"{name}_xy": whole.map_coordinates(*in_file)}
     tell(as_json, result, lambda: text(drive, result, whole.source.name))
-    if drive.forbidden or not drive.reached:
+    if drive.forbidden or not (drive.reached or endless):
         click.get_current_context().exit(1)
 
 
@@ -147,6 +149,8 @@ def text(drive: "DriveOutcome", result: Row, name: str) -> str:
     from nnpp_edge.terrain.facts import lines_of
 
     ended = "goal reached" if drive.reached else "GOAL NOT REACHED"
+    if drive.goals > 1:
+        ended = f"{drive.goals} goals reached"
     place = "{rows} × {cols} cells of {name}, from cell ({row}, {col}) on"
     xy = "({:.9g}, {:.9g}) to ({:.9g}, {:.9g})"
     lines = {
@@ -156,6 +160,7 @@ def text(drive: "DriveOutcome", result: Row, name: str) -> str:
         **loop_lines(drive.counters),
         "answer": "p50 {p50:.2f}, p99 {p99:.2f}, max {max:.2f} ms".format(**drive.planning_ms),
         **lines_of(drive.facts),
+        "memory": ", ".join(f"{when} {size:.0f}" for when, size in drive.memory_mb.items()) + " MB",
         "written": ", ".join(result["files"]),
     }
     return aligned(lines)

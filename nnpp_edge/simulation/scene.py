@@ -37,6 +37,10 @@ class SimulationSettings:
     """Cells that it walks between two ticks."""
     seed: int = 1
     """Of the obstacles."""
+    endless: bool = False
+    """Whether the robot drives on to another goal where it has reached one, or cannot, until the
+    ticks are over.
+    """
     steps: StepOptions = field(default_factory=StepOptions)
     """Of the loop's planner, and of the one that knows all."""
 
@@ -90,6 +94,8 @@ class Scene:
         """The part of the map in sight."""
         self.told = self.known.copy()
         """(H, W) the map as the loop has been given it."""
+        self._orders: list[Input] = [Goal(*goal)]
+
         # the drive
         self.path = np.empty((0, 2), np.int32)
         """The newest that was published; of a body that drives arcs (N, 3), with its states."""
@@ -113,9 +119,10 @@ class Scene:
         """Move on, and give the messages until the next tick; each counts as told once taken."""
         if self.polls:
             self._walk()
-        else:
-            yield Goal(*self.goal)
         self.polls += 1
+        orders = self._orders
+        self._orders = []
+        yield from orders
         changed: list[Rectangle] = []
         for _ in range(self._settings.changes):
             changed += self.obstacles.one_event(self.robot, self.goal, self.path[:, :2])
@@ -123,6 +130,15 @@ class Scene:
         yield from self._patches([*changed, self.seen])
         row, col = self.robot
         yield Pose(row + 0.5, col + 0.5, heading_deg=self.heading_deg)
+
+    def send_to(self, goal: Cell) -> None:
+        """Give the robot another goal, at the next poll; obstacles too near to it vanish, and the
+        way so far.
+        """
+        self.goal = goal
+        self.path = self.path[:0]
+        self.driven = self.driven[-1:]
+        self._orders = [Goal(*goal), *self._patches(self.obstacles.clear_of(goal))]
 
     def _patches(self, parts: Iterable[Rectangle]) -> Iterator[MapPatch]:
         """Known values of these parts, and the obstacles there."""

@@ -93,6 +93,12 @@ class Obstacles:
         kept.append(self._around(path[at], *sides))
         self.blocks = [block for block in kept if not self._near(block, robot, goal)]
 
+    def clear_of(self, cell: Cell) -> list[Rectangle]:
+        """Remove the obstacles that are too near to a cell, and return them."""
+        near = [block for block in self.blocks if self._near(block, cell)]
+        self.blocks = [block for block in self.blocks if block not in near]
+        return near
+
     def cover(self, ground: Float2D, part: Rectangle) -> Float2D:
         """A copy of a part of the ground with the obstacles on it."""
         return covered(ground, part, self.blocks, self._value)
