@@ -42,6 +42,8 @@ for shape in ((30, 30), (1, 60), (260, 230), (600, 530), (1100, 60)):
             planner.replan(method=method)
             planner.update_elevation(0, 2, dem[:3, 3:5])
             planner.standing()
+        if body is not None:
+            planner.state.grid.robot.moves.poses.standing()
 assert Planner(frozen).plan(start, goal).ok
 """
 

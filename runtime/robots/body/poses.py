@@ -229,10 +229,10 @@ class Poses:
         rows.
         """
         rows = rows or range(self.shape[0])
-        found = np.empty((AXIS_COUNT, len(rows), self.shape[1]), np.uint16)
-        for n, row in enumerate(rows):
-            standing_codes(self.packed, row, found[:, n])
-        return found
+        found = np.empty((len(rows), AXIS_COUNT, self.shape[1]), np.uint16)
+        for codes, row in zip(found, rows, strict=True):
+            standing_codes(self.packed, row, codes)
+        return found.swapaxes(0, 1)
 
     def stands_at(self, cell: Cell) -> bool:
         """Whether the body may stand on a cell of the map in one direction at least."""
