@@ -171,13 +171,16 @@ class FromGoal:
         reach = int(memory.least_open / grid.prices[0])
         reach += 2 * int(np.abs(moves[..., [DOWN, RIGHT]]).max())
         nodes = grid.nodes(widened((*self.query.goal, 1, 1), (reach, reach), grid.shape)).ravel()
-        nodes = nodes[np.isfinite(memory.costs(nodes))]
+        # g and word of each state, of the cells to which it came
+        found = memory.meta.reshape(-1, 2 * memory.states)[nodes]
+        came = found[:, 1::2] >> STAMP_SHIFT == memory.stamp
+        inside = came.any(1)
+        nodes = nodes[inside]
         if self._ends.goal in nodes:
             return None
-        words = memory.meta[1::2].reshape(-1, memory.states)[nodes]
-        came = words >> STAMP_SHIFT == memory.stamp
-        waits = words & OPEN_BIT > 0
-        g = memory.g[::2].reshape(-1, memory.states)[nodes]
+        came = came[inside]
+        waits = found[inside, 1::2] & OPEN_BIT > 0
+        g = found.view(np.float32)[inside, ::2]
         begun, within = (
             _least_of(nodes, np.where(came & chosen, g, np.float32(np.inf)))
             for chosen in (waits, ~waits)
