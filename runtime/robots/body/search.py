@@ -68,6 +68,7 @@ from nnpp_edge.runtime.tuning import (
     AT_ENDS,
     BUCKET_WIDTH_BY_LANDMARKS,
     CHECKED_SHARE,
+    LATE_IN_REGION,
     LATE_ON_MAP,
     REOPENED_WITHIN,
     RISEN,
@@ -223,7 +224,7 @@ def search_states(
     spent = 0
     by_arcs = grid.robot.moves.columns == 3
     if from_goal is not None:
-        until = most if by_arcs and region is not None else LATE_ON_MAP
+        until = LATE_IN_REGION if by_arcs and region is not None else LATE_ON_MAP
         shut_in, spent = from_goal.shut_in(workspace)
         if shut_in is not None:
             return _no_path(grid, spent, math.inf, shut_in)
