@@ -46,9 +46,8 @@ def _mark(row, col, radius, marks):
 @inlined
 def _fetch_below(row, col, finer):
     """Fetch what the next finer search will read of the cells below one."""
-    left = FACTOR * col
     for below in range(FACTOR * row, min(FACTOR * row + FACTOR, finer.rows)):
-        node = (below + 1) * finer.stride + left + 1
+        node = (below + 1) * finer.stride + FACTOR * col + 1
         prefetch(finer.weights, node)
         prefetch(finer.meta, 2 * node)
 

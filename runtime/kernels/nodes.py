@@ -142,8 +142,9 @@ def _prefetch(context, builder, signature, values):
     instruction = ir.FunctionType(ir.VoidType(), (byte, word, word, word))
     fetch = builder.module.declare_intrinsic("llvm.prefetch", (byte,), instruction)
     place = builder.bitcast(builder.gep(array.data, [values[1]]), byte)
-    to_read, keep_near, data = (ir.Constant(word, number) for number in (0, 3, 1))
-    builder.call(fetch, (place, to_read, keep_near, data))
+    # to be read, kept near, and data, not code
+    how = (ir.Constant(word, number) for number in (0, 3, 1))
+    builder.call(fetch, (place, *how))
     return context.get_dummy_value()
 
 

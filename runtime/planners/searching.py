@@ -165,8 +165,8 @@ class Searching:
         return float(self._memory.costs(slice(node, node + 1))[0])
 
     def __del__(self) -> None:
-        ends = sys.is_finalizing()  # the process: nothing needs to be tidied up
-        if self.is_here and not ends and not self._search.dead:
+        # where the process ends nothing needs to be tidied up
+        if self.is_here and not (sys.is_finalizing() or self._search.dead):
             self._search.parent = getcurrent()  # perhaps another search
             self._search.throw()
 
