@@ -139,7 +139,7 @@ def machine_words(report: Facts) -> dict[str, str]:
 
 def _ranges(sensors: Facts, unit: str) -> str:
     """Least and greatest readings of each sensor of a kind."""
-    ranges = []
-    for name, each in sensors.items():
-        ranges.append(f"{name}: {shown(each['min'])} to {shown(each['max'])} {unit}")
-    return ", ".join(ranges)
+    return ", ".join(
+        f"{name}: {shown(each['min'])} to {shown(each['max'])} {unit}"
+        for name, each in sensors.items()
+    )

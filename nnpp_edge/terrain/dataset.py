@@ -109,11 +109,8 @@ def make_dataset(
     """
     missing = [i for i in range(recipe.shards) if not _shard_path(folder, i).exists()]
     tiles = read_terrain(recipe) if missing else []
-    large = [
-        f"{recipe.size * each[0]}²"
-        for each in recipe.poolings
-        if each not in poolings(recipe, tiles)
-    ]
+    fitting = poolings(recipe, tiles)
+    large = [f"{recipe.size * each[0]}²" for each in recipe.poolings if each not in fitting]
     if large:
         warnings.warn(
             f"the terrain has no room for maps of {' and '.join(large)} cells: they are left out",

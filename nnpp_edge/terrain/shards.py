@@ -151,7 +151,9 @@ def read_terrain(recipe: Recipe) -> list[Dem]:
             option = "--known" if recipe.known else "--size"
             fits = side // recipe.size if recipe.known else side // _SIZE_STEP * _SIZE_STEP
             hint = f": {option} {fits} is the largest that fits" if fits else ""
-            stripe = "" if recipe.stripe == _WHOLE else " in the stripe that is used"
+            stripe = (
+                "" if recipe.stripe == _WHOLE else " in the stripe that --validation-share leaves"
+            )
             raise DataSetError(
                 f"{dem.source}: wanted at least {least} cells on the shorter side{stripe}, got "
                 f"{rows} × {cols}{hint}"

@@ -258,9 +258,8 @@ class MapDrawing:
             label="traversability cost",
         )
         handles, labels = axes.get_legend_handles_labels()
-        place = (0.0, 0.0)
         figure.legend(
-            handles, labels, loc="upper left", bbox_to_anchor=place, ncols=3, frameon=False
+            handles, labels, loc="upper left", bbox_to_anchor=(0.0, 0.0), ncols=3, frameon=False
         )
         return figure
 

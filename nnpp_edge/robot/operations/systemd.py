@@ -84,4 +84,4 @@ def _watchdog_s() -> float | None:
     microseconds = os.environ.get("WATCHDOG_USEC", "")
     if (os.environ.get("WATCHDOG_PID") or own) != own or not microseconds.isdecimal():
         return None
-    return 1e-6 * int(microseconds)
+    return 1e-6 * int(microseconds) or None
