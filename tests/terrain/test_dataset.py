@@ -256,7 +256,7 @@ def test_training_and_validation_have_different_parts_of_a_file(tmp_path, shape)
         shard = np.load(io.BytesIO(shard_content(recipe, read_terrain(recipe), 0)))
         made.append(shard["planes"])
     assert not np.array_equal(*made), "synthetic maps differ, too"
-    words = r"in the stripe that is used, got (20 × 40|40 × 20)"
+    words = r"in the stripe that --validation-share leaves, got (20 × 40|40 × 20)"
     with pytest.raises(DataSetError, match=words):
         read_terrain(of_terrain(tmp_path, elevation, stripe=(0.9, 1.0)))
 
