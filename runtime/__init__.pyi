@@ -29,7 +29,6 @@ from .planners.standing_path import Standing as Standing
 from .robots.body.attitude import PoseCheck as PoseCheck
 from .robots.body.poses import pose_costs as pose_costs
 from .robots.slope.cost import EnergyCost as EnergyCost
-from .robots.slope.cost import IrmischerCost as IrmischerCost
 from .robots.slope.cost import LinearCost as LinearCost
 from .robots.slope.cost import Mobility as Mobility
 from .robots.slope.cost import TimeCost as TimeCost

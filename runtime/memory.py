@@ -10,6 +10,7 @@ import ctypes
 import itertools
 import math
 import mmap
+import os
 import resource
 import tempfile
 from collections.abc import Iterator
@@ -83,14 +84,36 @@ def filed_zeros(shape: tuple[int, ...], dtype: type[Number]) -> NDArray[Number]:
     system writes there and drops where it needs the room. OSError where the disk has none.
     """
     with tempfile.TemporaryFile() as file:
+        # else a disk that is full would be met when a page is written, which ends the process
+        os.posix_fallocate(file.fileno(), 0, math.prod(shape) * np.dtype(dtype).itemsize)
         return np.asarray(np.memmap(file, dtype, "w+", shape=shape))
 
 
 def is_filed(array: object) -> bool:
-    """Whether an array lies in a file, as from `filed_zeros`."""
+    """Whether an array lies in a file and what is written to it there, as from `filed_zeros`."""
     while isinstance(array, np.ndarray):
+        if isinstance(array, np.memmap):
+            return bool(array.mode != "c")
         array = array.base
-    return isinstance(array, memoryview | mmap.mmap)
+    return False
+
+
+def release(array: NDArray[Number], count: int) -> None:
+    """Give the pages of an array's first elements back to the system: of one from `virtual_zeros`,
+    which are 0 then, or from `filed_zeros`, which stay in the file.
+    """
+    whole_pages = count * array.itemsize // mmap.PAGESIZE * mmap.PAGESIZE
+    mapping_of(array).madvise(mmap.MADV_DONTNEED, 0, whole_pages)
+
+
+def mapping_of(array: NDArray[Number]) -> mmap.mmap:
+    """The pages that an array from `virtual_zeros` or `filed_zeros` lies in."""
+    owner: object = array
+    while isinstance(owner, np.ndarray):
+        owner = owner.base
+    mapping = owner.obj if isinstance(owner, memoryview) else owner
+    assert isinstance(mapping, mmap.mmap)
+    return mapping
 
 
 def check_planner_fits(

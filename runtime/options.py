@@ -118,7 +118,6 @@ STILL = {name: entry.help for name, entry in METHODS.items() if not entry.keeps}
 STEP_COSTS = {
     "paper": "ground (paper)",
     "tobler": "time on foot (Tobler)",
-    "irmischer": "time on foot, off paths (Irmischer)",
     "linear": "slope (linear)",
     "time": "vehicle's time",
     "energy": "vehicle's energy",

@@ -202,6 +202,5 @@ class Answer:
             "plan.json": lambda: json.dumps(self.figures(files), indent=1).encode(),
             "plan.png": lambda: encoded(self.picture()),
             "path.gpkg": lambda: route.geopackage(values_of(self.facts)),
-            "path.gpx": lambda: route.gpx("nnpp-edge plan", self.stops),
         }
         return makers[path.name]()

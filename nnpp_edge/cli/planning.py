@@ -33,11 +33,10 @@ from nnpp_edge.runtime.network import loading
 from nnpp_edge.runtime.options import PlanOptions, StepOptions
 from nnpp_edge.runtime.planners.query import problem_with
 from nnpp_edge.runtime.tuning import LARGE_MAP
-from nnpp_edge.terrain.coordinates import lonlat_of
 from nnpp_edge.terrain.dem import Dem, open_dem, part_of
 from nnpp_edge.terrain.georeference import Place
 from nnpp_edge.terrain.rasters import Raster
-from nnpp_edge.terrain.route import Route, places_of
+from nnpp_edge.terrain.route import Route
 from nnpp_edge.viz.picture import Reached, body_outlines, plan_picture, refused_on
 from nnpp_edge.viz.relief import Chart
 
@@ -52,17 +51,12 @@ _COMPARED = ("method", "source", "status", "cost", "length", "expansions")
 def _ends(request: PlanRequest, place: Place) -> "Ends":
     """Cells of the map that a path is to lead from, through and to.
 
-    InvalidQueryError for what lies outside the map, and GPX of a map off the Earth.
+    InvalidQueryError for what lies outside the map.
     """
     start = request.start(place)
     goal = request.goal(place)
     via = [end(place) for end in request.via]
     refuse_outside(start, goal, place)
-    if "gpx" in request.formats:
-        try:
-            lonlat_of(place, places_of(place, np.array([start])))
-        except InvalidQueryError as error:
-            raise InvalidQueryError(f"--format gpx: {error}") from None
     return start, via, goal
 
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 _FILES = ("reach.tif", "reach.geojson", "reach.png", "reach.json")
 _SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0}
 _JOULES = {"J": 1.0, "kJ": 1e3, "MJ": 1e6, "Wh": 3600.0, "kWh": 3.6e6}
-_IN_SECONDS = ("time", "tobler", "irmischer")
+_IN_SECONDS = ("time", "tobler")
 """Step costs that are times."""
 _TOO_LONG = (
     "in eight directions: one straight between them counts up to 8.2 % too long",

@@ -48,7 +48,7 @@ PLACE = Parsed("PLACE", "ROW,COL as two whole numbers, xy:X,Y or lonlat:LON,LAT"
 Start = Annotated[End, PLACE, "ROW,COL from 0, xy:X,Y or lonlat:LON,LAT."]
 
 
-FORMATS = {"gpkg": ("pyogrio", "vector"), "gpx": ("pyproj", "geo")}
+FORMATS = {"gpkg": ("pyogrio", "vector")}
 """What --format adds as path.NAME: the module that makes it, and the extra that brings that."""
 
 
@@ -72,7 +72,7 @@ class PlanRequest:
         "--format",
         click.Choice(list(FORMATS)),
         MANY,
-        "Also write path.gpkg or path.gpx.",
+        "Also write path.gpkg.",
     ] = ()
 
     def __post_init__(self) -> None:

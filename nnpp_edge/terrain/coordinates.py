@@ -67,24 +67,6 @@ def lonlat_corners(place: Place) -> Points:
     return lonlat_at(place, np.array(corners))
 
 
-def lonlat_of(place: Place, points: Points) -> Points:
-    """WGS 84 longitudes and latitudes of map coordinates; InvalidQueryError on another body than
-    the Earth.
-    """
-    if not on_earth(place):
-        own = _system_of(place)
-        raise InvalidQueryError(
-            f"{place.source}: longitude and latitude on the Earth are wanted, got {_name_of(own)}"
-        )
-    return lonlat_at(place, points)
-
-
-def on_earth(place: Place) -> bool:
-    """Whether a map's coordinate system is of the Earth; InvalidQueryError without one."""
-    own = _system_of(place)
-    return bool(_lonlat_system(own).equals(_pyproj().CRS.from_user_input(WGS84)))
-
-
 def gravity_of(place: Place) -> float | None:
     """m/s² on the body that a map's coordinate system lies on, or a sample's name says; None where
     neither names one that is known.

@@ -5,22 +5,19 @@ import json
 import math
 import re
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from xml.sax.saxutils import escape
 
 import numpy as np
 
 from nnpp_edge.runtime.arrays import Float2D, Float32s, Floats, headings_along
-from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import optional_module
 from nnpp_edge.runtime.map.along import Along, Line
 from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.runtime.robots.body.attitude import attitudes
 from nnpp_edge.runtime.robots.body.poses import Poses
-from nnpp_edge.terrain.coordinates import lonlat_of
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.facts import Fact
 from nnpp_edge.terrain.georeference import Place, Point
@@ -157,25 +154,6 @@ class Route:
             geometry = {"type": "LineString", "coordinates": line}
         feature = {"type": "Feature", "geometry": geometry, "properties": properties}
         return feature | named_crs(self.dem)
-
-    def gpx(self, name: str, stops: Sequence[Cell]) -> bytes:
-        """A GPX 1.1 track, and its stops from start to goal as way points; InvalidQueryError for a
-        map off the Earth.
-        """
-        points = places_of(self.dem, np.concatenate((stops, self.along.points)))
-        lonlat = lonlat_of(self.dem, points).tolist()
-        names = ["start", *(f"via {number}" for number in range(1, len(stops) - 1)), "goal"]
-        out = [
-            '<?xml version="1.0" encoding="UTF-8"?>',
-            '<gpx version="1.1" creator="nnpp-edge" xmlns="http://www.topografix.com/GPX/1/1">',
-        ]
-        for stop, (lon, lat) in zip(names, lonlat, strict=False):
-            out.append(f'<wpt lat="{lat:.8f}" lon="{lon:.8f}"><name>{stop}</name></wpt>')
-        out.append(f"<trk><name>{escape(name)}</name><trkseg>")
-        for (lon, lat), height in zip(lonlat[len(stops) :], self.along.heights_m, strict=True):
-            known = f"<ele>{height:.3f}</ele>" if math.isfinite(height) else ""
-            out.append(f'<trkpt lat="{lat:.8f}" lon="{lon:.8f}">{known}</trkpt>')
-        return "\n".join([*out, "</trkseg></trk>", "</gpx>", ""]).encode()
 
 
 def _geopackage(layer: str, geojson: bytes) -> bytes:

@@ -26,7 +26,7 @@ from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.reading import refused_as
 from nnpp_edge.runtime.robots.slope.cost import unit_of
 from nnpp_edge.runtime.terrain.traversability import terms_in_words, terrain_terms
-from nnpp_edge.terrain.coordinates import lonlat_at, on_earth
+from nnpp_edge.terrain.coordinates import lonlat_at
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.facts import lines_of, plan_facts, values_of
 from nnpp_edge.terrain.route import Route, places_of
@@ -69,7 +69,7 @@ class Question(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     at: Cell = (0, 0)
     within: float = math.inf
     """The most that reaching a place may cost."""
-    format: Literal["geojson", "gpx", "gpkg"] = "geojson"
+    format: Literal["geojson", "gpkg"] = "geojson"
     """Of the file; `at` is the place that is asked about."""
 
 
@@ -111,11 +111,7 @@ class Answerer:
                 and {name: getattr(body.vehicle, name) for name in _MEASURES},
                 "max_tilt_deg": vehicle and vehicle.max_tilt_deg,
             }
-        gpx = False
-        with suppress(NnppEdgeError):  # no coordinate system, or nothing that knows it
-            gpx = on_earth(dem)
         shown = {
-            "gpx": gpx,
             "refused": [{"colour": rgb(colour), "words": words} for colour, words in REFUSED],
             "name": dem.source.name,
             "shape": dem.shape,
@@ -233,13 +229,11 @@ def path_answer(site: Site, asked: Asked, landscape: Landscape, plan: Plan) -> A
 
 
 def file_of(dem: Dem, asked: Asked, plan: Plan, landscape: Landscape, form: str) -> bytes:
-    """A file with a path; InvalidQueryError without one, and for GPX off the Earth."""
+    """A file with a path; InvalidQueryError without one."""
     if not plan.ok or plan.along is None:
         raise InvalidQueryError("there is no path to save")
     route = Route.of_plan(plan, landscape.cost, dem, landscape.poses)
     figures = values_of(plan_facts(plan, route.facts))
-    if form == "gpx":
-        return route.gpx("nnpp-edge view", [asked.start, *asked.via, asked.goal])
     return route.geopackage(figures) if form == "gpkg" else route.geojson(figures)
 
 

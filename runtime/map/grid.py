@@ -24,7 +24,7 @@ from nnpp_edge.runtime.kernels.records import CostLimits, Packed
 from nnpp_edge.runtime.kernels.weights import fill_costs, write_costs
 from nnpp_edge.runtime.map.changes import NO_NODES, NO_WEIGHTS, Change
 from nnpp_edge.runtime.map.tiles import COMPLETE, Tiles, rectangle_of
-from nnpp_edge.runtime.memory import Number, filed_zeros, virtual_zeros
+from nnpp_edge.runtime.memory import Number, virtual_zeros
 from nnpp_edge.runtime.robots.robot import Robot
 from nnpp_edge.runtime.terrain.step_cost import (
     GREY_LEVELS,
@@ -298,17 +298,13 @@ class Grid:
         return self.robot.stance.stands_at(self, cell)[0]
 
 
-def bordered(rows: int, cols: int, *, small: bool = False, filed: bool = False) -> Float32s:
+def bordered(rows: int, cols: int, *, small: bool = False) -> Float32s:
     """Room for a map's weights within an impassable border. Pages of it that nobody touches take no
     time.
 
-    With `small` pages no memory either, but under the border; `filed` in a temporary file.
+    With `small` pages no memory either, but under the border.
     """
     nodes = (rows + 2) * (cols + 2)
-    padded = np.empty(0 if small or filed else nodes, np.float32)
-    if small:
-        padded = virtual_zeros(nodes, np.float32)
-    if filed:
-        padded = filed_zeros((nodes,), np.float32)
+    padded = virtual_zeros(nodes, np.float32) if small else np.empty(nodes, np.float32)
     close_border(padded, rows, cols)
     return padded

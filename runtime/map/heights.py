@@ -66,8 +66,8 @@ class Heights(Lowest):
 
     def begin(self) -> Grid:
         rows, cols = self.array.shape
-        small = self.unseen is not None
-        weights = bordered(rows, cols, small=small, filed=is_filed(self.array))
+        small = self.unseen is not None or is_filed(self.array)
+        weights = bordered(rows, cols, small=small)
         source = {
             "rule": self.limits.rule(*self._sides, scale=self._model.scale),
             "weights": weights,

@@ -143,7 +143,7 @@ class MapState:
                 self.grid.complete(deadline)
             elif tiles is not None and is_filed(tiles.heights):
                 # a file is read from its first row to its last, not where a search comes first
-                tiles.complete(deadline)
+                tiles.pool(deadline)
         elif any(change.rescaled for change in changes):
             self._pyramid.update((0, 0, *self.shape))
         else:

@@ -8,9 +8,11 @@ around it, and go on. What is computed does not depend on when it is: a plan on 
 computed as a whole beforehand is the same.
 """
 
+import copy
 import functools
 import itertools
 import math
+import mmap
 from collections.abc import Sequence
 from functools import partial
 
@@ -44,8 +46,11 @@ from nnpp_edge.runtime.kernels.tiles import (
 )
 from nnpp_edge.runtime.kernels.traversability import RULE_SLOTS
 from nnpp_edge.runtime.map.changes import Change
+from nnpp_edge.runtime.memory import mapping_of, release, virtual_zeros
 from nnpp_edge.runtime.tuning import TILE_COLS, TILE_ROWS
 
+_ROWS_OF_TILES = 4
+"""That are in memory at once when a file is read through: cores get a share of them each."""
 _EVERYWHERE = 62
 """Bits by which a row is shifted to the one tile of a map that is there as a whole."""
 _NONE = np.empty(0, np.float32)
@@ -172,6 +177,34 @@ class Tiles:
         crossed[tuple((path // self._sides).T)] = 1
         for cell in np.argwhere(crossed) * self._sides:
             self.open_at(*cell)
+
+    def pool(self, deadline: Deadline = NEVER) -> None:
+        """Compute the coarse levels of a map in a file, with few rows of it in memory at once: the
+        weights that a search reads are computed again.
+
+        OutOfTimeError at the deadline: then a search computes what is left where it reads it.
+        """
+        rows, cols = self.shape
+        weights = virtual_zeros((rows + 2) * (cols + 2), np.float32)
+        passing = copy.copy(self)
+        passing.state = np.zeros_like(self.state)
+        passing._source = self._source._replace(weights=weights)
+        tiles = passing.packed()
+        high = self._sides[0]
+        linked = 0
+        for first, last in stripes(rows, cols, _ROWS_OF_TILES * high):
+            in_bands(partial(compute_rows, tiles), first, last, cols, high)
+            # links lead into the next row of tiles
+            end = last if last == rows else last - high
+            in_bands(partial(link_rows, tiles), linked, end, cols, high)
+            self.state[linked // high : -(-end // high)] |= POOLED | LINKED
+            # the last row of these cells is looked at from the next one
+            for array in (self.heights, weights):
+                release(array, (end - 1) * cols)
+            linked = end
+            deadline.check()
+        # or each tile that a search reads would bring much of its rows along
+        mapping_of(self.heights).madvise(mmap.MADV_RANDOM)
 
     def complete(self, deadline: Deadline = NEVER) -> None:
         """Compute the rest, on all cores where that pays; at the deadline OutOfTimeError: the next

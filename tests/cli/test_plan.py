@@ -286,11 +286,9 @@ def test_who_gave_a_wrong_place_does_not_wait(run, hills, monkeypatch):
         ):
             ended = run(f"plan hills.npz --start {start} --goal {goal} {limit}")
             ended.refused(f"{words} lies outside the map of 80 × 90 cells")
-    run(f"{EXACT} -o out --format gpx").refused("--format gpx: ", "the file names none")
     monkeypatch.setattr(dem_module, "read_dem", never)
     for words, module in (
         (f"{EXACT} --format gpkg", "pyogrio"),
-        (f"{EXACT} --format gpx", "pyproj"),
         ("reach hills.npz --start 5,5 --within-cost 9", "rasterio"),
     ):
         monkeypatch.setitem(sys.modules, module, None)

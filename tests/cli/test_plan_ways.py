@@ -115,7 +115,7 @@ def test_a_path_leads_by_way_of_places_in_the_order_given_or_in_the_best(run, to
     given = told(words)
     assert given["via"]["stops"] == [[5, 5], [60, 70], [12, 30], [40, 50], [70, 80]]
     assert given["via"]["order"] == [1, 2, 3] and given["via"]["given_cost"] is None
-    best = told(f"{words} --best-order -o out --format gpx")
+    best = told(f"{words} --best-order -o out")
     assert best["via"]["stops"] == [[5, 5], [12, 30], [40, 50], [60, 70], [70, 80]]
     assert best["via"]["order"] == [2, 3, 1]
     assert best["cost"] < given["cost"] == pytest.approx(best["via"]["given_cost"], rel=1e-6)
@@ -127,8 +127,6 @@ def test_a_path_leads_by_way_of_places_in_the_order_given_or_in_the_best(run, to
     cells = [(int(row["row"]), int(row["col"])) for row in rows_of("out/path.csv")]
     places = [cells.index(tuple(stop)) for stop in best["via"]["stops"]]
     assert places == sorted(places)
-    names = pyogrio.raw.read("out/path.gpx", layer="waypoints", columns=["name"])[3][0]
-    assert names.tolist() == ["start", "via 1", "via 2", "via 3", "goal"]
     saved = f"{100.0 * (1.0 - best['cost'] / given['cost']):.3g} % less than in the order given"
     assert f"2 (12, 30), 3 (40, 50), 1 (60, 70): {saved}" in run(f"{words} --best-order").out
     words = f"{PLAN} --via 12,30 --via 40,50 --best-order"
@@ -136,7 +134,7 @@ def test_a_path_leads_by_way_of_places_in_the_order_given_or_in_the_best(run, to
 
 
 def test_rescaled_ground_costs_as_with_other_limits_and_lies_where_it_did(run, told, hills):
-    formats = "--format gpkg --format gpx"
+    formats = "--format gpkg"
     made = []
     for words in ("--rescale 0.5", "--limit roughness_limit_m=2.4 --limit step_limit_m=0.8"):
         found = told(f"{PLAN} --mobility large-rover {words} -o out {formats}")
@@ -144,8 +142,7 @@ def test_rescaled_ground_costs_as_with_other_limits_and_lies_where_it_did(run, t
         assert np.hypot(*np.diff(line, axis=0).T).sum() == pytest.approx(found["length_m"])
         areas = told(f"reach hills.tif --start 5,5 --within-cost 90 {words}")["areas"]
         assert run(f"costmap hills.tif -o cost.tif {words}").code == 0
-        exact = [Path("out", name) for name in ("path.csv", "path.gpx")]
-        same = [path.read_bytes() for path in (*exact, Path("cost.tif"))]
+        same = [Path(name).read_bytes() for name in ("out/path.csv", "cost.tif")]
         made.append([line.tolist(), areas, found["cost"], found["energy_j"], *same])
     assert made[0] == made[1]
     assert made[0][2] < told(PLAN)["cost"]

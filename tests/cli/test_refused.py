@@ -39,7 +39,6 @@ plan hills.tif --start lonlat:10,50 --goal 1,1 | lies outside the map of 80 × 9
 plan hills.tif --start lonlat:103.83,1 --goal 1,1 | longitude 103.8333 to 103.8349 and latitude 1.3675
 plan hills.tif --start 5,5 --goal xy:0,0       | lies outside the map of 80 × 90 cells, which spans x 28000 to 28180
 plan hills.tif --start 5,5 --goal 9,86 --via 1,1 | goal (9, 86) is impassable
-plan hills.npz --start 5,5 --goal 70,80 -o new --format gpx | --format gpx: | wanted a map with a coordinate system
 plan drive.mcap --start 1,1 --goal 2,2         | drive.mcap: wanted an elevation map, got a recording of messages; `G
 $PLAN --time-limit 0                           | --time-limit
 $PLAN --model nope                             | wanted a model file or the name of a shipped model | 'nope'
@@ -54,7 +53,7 @@ $PLAN --step-cost tobler --mobility nope       | wanted a vehicle's file | 'nope
 $PLAN --step-cost tobler --memory 1kB          | in memory alone | directed
 $PLAN --step-cost tobler --refine any-angle    | refine='any-angle' prices lines by the map's cost
 $PLAN --set radius_m=2 --set turning_radius_m=4 | is a disc: wanted no other values
-$PLAN --format gpx                             | --format needs -o
+$PLAN --format gpkg                            | --format needs -o
 $BODY --rescale 2                              | a body is checked on the ground itself: leave it out
 $PLAN --rocks 0.1                              | no such option '--rocks'
 $PLAN --workload body-rocks30                  | 0 to 20 percent

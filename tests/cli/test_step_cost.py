@@ -45,23 +45,16 @@ def given(*words):
 
 
 def test_a_walkers_time_is_told_by_the_function_that_the_steps_cost(run, told, hill):
-    Path("path.toml").write_text("[mobility.irmischer]\non_path = true\n")
     for more, words, agree in (
-        ("--step-cost irmischer", "on foot, by Irmischer and Clarke's function", True),
-        (
-            "--step-cost irmischer --mobility path.toml",
-            "on foot, by Irmischer and Clarke's function",
-            True,
-        ),
         ("--step-cost tobler", "on foot, by Tobler's function", True),
-        ("--step-cost irmischer --mobility large-rover", "at the vehicle's speeds", False),
+        ("--step-cost tobler --mobility large-rover", "at the vehicle's speeds", False),
     ):
         found = told(f"{PLAN} {more}")
         assert (found["time_s"] == pytest.approx(found["cost"], rel=1e-5)) == agree, more
         out = run(f"{PLAN} {more}").out
         assert words in out and (" s, the optimum" in out) == ("step_cost" in found) == bool(more)
     named = told(f"{PLAN} --step-cost paper")
-    assert (found["step_cost"], named["cost"]) == ("irmischer", told(PLAN)["cost"])
+    assert (found["step_cost"], named["cost"]) == ("tobler", told(PLAN)["cost"])
 
 
 def test_energy_is_in_joules_by_the_vehicles_own_table_or_another_file(run, told, hill):

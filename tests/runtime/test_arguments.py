@@ -16,7 +16,6 @@ from nnpp_edge.runtime import (
     Ground,
     InProcessSink,
     InProcessSource,
-    IrmischerCost,
     LinearCost,
     Loop,
     MapPatch,
@@ -83,7 +82,7 @@ ENTRIES = {
     Ground: {"elevation": HEIGHTS, "cell_size_m": 1.0},
     Ground.of_elevation: {"elevation": HEIGHTS, "cell_size_m": 1.0},
     Navigator: {"ground": Ground(COST), "method": "astar"},
-    **{each: {} for each in (Traversability, Mobility, ToblerCost, IrmischerCost, LinearCost)},
+    **{each: {} for each in (Traversability, Mobility, ToblerCost, LinearCost)},
     **{each: {} for each in (InProcessSource, InProcessSink, NetworkModel)},
 }
 """Functions and classes, with arguments that do."""
@@ -317,7 +316,6 @@ EnergyCost(5.0, 0.1, idle_w=X, speed_m_s=1.0) | -3.0 | idle_w .*at least 0
 EnergyCost(5.0, 0.1, speed_m_s=X) | math.inf | speed_m_s .*inf
 ToblerCost(top_speed_km_h=X) | 0.0 | top_speed_km_h .*above 0
 ToblerCost(best_slope=X) | 2.0 | best_slope .*from -1 to 1
-IrmischerCost(factor=X) | -1.0 | factor .*above 0.*-1
 LinearCost(X) | 0.0 | level_per_m .*above 0
 LinearCost(down_per_m=X) | -4.0, NAN | every way must cost more than 0
 LinearCost(up_per_m=X) | -1.0 | up_per_m .*at least 0

@@ -15,8 +15,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime import DynamicPlanner, Ground, Planner, Vehicle, memory, warmup
+from nnpp_edge.runtime import DynamicPlanner, Ground, Planner, Vehicle, bands, memory, warmup
 from nnpp_edge.runtime.errors import InvalidMapError
+from nnpp_edge.runtime.map.state import map_state
 from nnpp_edge.runtime.memory import (
     available_bytes,
     check_planner_fits,
@@ -184,6 +185,23 @@ def test_a_map_too_large_for_memory_is_refused_before_anything_is_allocated(monk
         check_planner_fits((60_000, 60_000), filed=True)
 
 
+@pytest.mark.parametrize("cutting", [True, False])
+def test_a_file_has_the_coarse_levels_that_a_map_in_memory_has(cutting, monkeypatch):
+    monkeypatch.setattr(bands, "STRIPE_CELLS", 1)
+    heights = uniform(3, (300, 280), 0.0, 0.7)
+    filed = memory.filed_zeros(heights.shape, np.float32)
+    filed[:] = heights
+    one, other = (
+        map_state(Ground.of_elevation(each, 1.0), 1.0, cutting) for each in (heights, filed)
+    )
+    one.pyramid.levels[0].grid.complete()
+    for level, same in zip(one.pyramid.levels[1:], other.pyramid.levels[1:], strict=True):
+        for name in ("pieces", "links"):
+            assert np.array_equal(getattr(level, name), getattr(same, name)), name
+        assert np.array_equal(level.grid.weights, same.grid.weights)
+    assert other.costs_computed == 0.0 and not memory.is_filed(heights)
+
+
 def test_a_map_in_a_file_is_planned_on_as_one_in_memory():
     heights = uniform(3, (300, 280), 0.0, 0.07)
     filed = memory.filed_zeros(heights.shape, np.float32)
@@ -191,11 +209,8 @@ def test_a_map_in_a_file_is_planned_on_as_one_in_memory():
     plans = [Planner.of_elevation(each, 1.0, warn=False) for each in (heights, filed)]
     one, other = (each.plan((5, 5), (290, 270), method="corridor") for each in plans)
     assert one.ok and np.array_equal(one.path, other.path) and one.cost == other.cost
-    state = plans[1].state
-    assert np.shares_memory(state.heights.array, filed) and memory.is_filed(state.grid.weights)
-    assert not memory.is_filed(heights)
-    # a file is read from its first row to its last; a body's poses are checked where it searches
-    assert other.costs_computed == 1.0 > one.costs_computed
+    assert np.shares_memory(plans[1].state.heights.array, filed)
+    assert 0.0 < other.costs_computed < one.costs_computed
     bodies = [
         Planner.of_elevation(each, 1.0, vehicle=BODY, warn=False) for each in (heights, filed)
     ]

@@ -9,7 +9,6 @@ from nnpp_edge.runtime.kernels.nodes import COL_STEP, ROW_STEP
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.robots.slope.cost import (
     EnergyCost,
-    IrmischerCost,
     LinearCost,
     TimeCost,
     ToblerCost,
@@ -25,8 +24,6 @@ MODELS = [
     ToblerCost(),
     ToblerCost(best_slope=0.2),
     ToblerCost(best_slope=0.0),
-    IrmischerCost(),
-    IrmischerCost(on_path=True, factor=0.95),
     LinearCost(),
     LinearCost(1.0, 1.0, -3.0),
     LinearCost(1.0, 1.0, 2.0, 4.0),
@@ -64,35 +61,6 @@ def test_tobler_is_what_was_published():
         assert found == pytest.approx(0.6 * math.exp(3.5 * abs(slope + 0.05)), rel=NEAR)
         assert float(ToblerCost(factor=0.6).cost(7.0, 7.0 * slope)) == pytest.approx(
             7.0 * found / 0.6, rel=1e-12
-        )
-
-
-def test_irmischer_is_what_was_published():
-    for (
-        slope,
-        *speeds,
-    ) in (  # m/s off and on a path, worked out from the published constants, to as many digits
-        (-1.0, 0.11, 0.12),
-        (-0.45, 0.35, 0.52),
-        (-0.1, 0.76, 1.10),
-        (-0.02, 0.78, 1.10),
-        (0.0, 0.78, 1.10),
-        (0.2, 0.62, 0.82),
-        (0.45, 0.31, 0.36),
-        (1.0, 0.11, 0.11),
-    ):
-        for on_path, speed, gain, shift in zip(
-            (False, True), speeds, (0.67, 1.0), (2.0, 5.0), strict=True
-        ):
-            cost = IrmischerCost(on_path=on_path)
-            assert 10.0 / float(cost.cost(10.0, 10.0 * slope)) == pytest.approx(speed, abs=0.0051)
-            exact = 0.11 + gain * math.exp(-((100.0 * slope + shift) ** 2) / (2 * 30**2))
-            assert 1.0 / float(cost.cost(1.0, slope)) == pytest.approx(exact, rel=NEAR)
-            women = float(IrmischerCost(on_path=on_path, factor=0.95).cost(1.0, slope))
-            assert women == pytest.approx(float(cost.cost(1.0, slope)) / 0.95, rel=1e-12)
-        steep = cost.cost(1.0, np.tan(np.radians([45.0, 60.0, 71.0])))
-        assert steep == pytest.approx(
-            steep[0] * math.sqrt(0.5) / np.cos(np.radians([45.0, 60.0, 71.0])), rel=NEAR
         )
 
 

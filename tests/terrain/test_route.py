@@ -1,9 +1,7 @@
 """Places on the globe, and paths and areas as vector files."""
 
 import json
-import struct
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 import pyogrio
@@ -14,10 +12,10 @@ from rasterio.features import rasterize
 
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.along import Along
-from nnpp_edge.terrain.coordinates import lonlat_of, lonlat_on_map
+from nnpp_edge.terrain.coordinates import lonlat_at, lonlat_on_map
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.georeference import Georeference
-from nnpp_edge.terrain.route import Reach, Route, places_of
+from nnpp_edge.terrain.route import Reach, Route
 from tests.strategies import uniform
 
 UTM = "EPSG:32615"
@@ -37,14 +35,12 @@ def dem(place=PLACE, shape=(80, 90)):
 
 def test_longitude_and_latitude_are_wgs_84_on_the_earth_and_the_bodys_own_elsewhere():
     there = np.array([(400_010.5, 4_999_989.5)])
-    assert lonlat_on_map(dem(), lonlat_of(dem(), there)) == pytest.approx(there, abs=1e-6)
+    assert lonlat_on_map(dem(), lonlat_at(dem(), there)) == pytest.approx(there, abs=1e-6)
     moon = dem(Georeference(MOON, (2.0, 0.0, 0.0, 0.0, -2.0, 0.0)))
     metre = np.pi / 180.0 * 1_737_400.0
     assert lonlat_on_map(moon, np.array([(1.0, -2.0)])) == pytest.approx(
         np.array([(metre, -2.0 * metre)])
     )
-    with pytest.raises(InvalidQueryError, match="longitude and latitude on the Earth"):
-        lonlat_of(moon, there)
 
 
 def test_places_of_another_world_or_of_none_are_refused():
@@ -73,27 +69,10 @@ def test_a_geopackage_holds_the_line_with_its_heights_and_the_numbers(tmp_path):
     assert (points - (400_009, 4_999_991, 4)).tolist() == [[0, 2, 0], [2, 0, 1], [4, 0, 2]]
 
 
-def test_no_path_is_a_geopackage_without_a_line_and_a_gpx_without_points(tmp_path):
+def test_no_path_is_a_geopackage_without_a_line(tmp_path):
     empty = route(cells=())
     (tmp_path / "a.gpkg").write_bytes(empty.geopackage({"status": "NO_PATH", "cost": None}))
     assert pyogrio.raw.read(tmp_path / "a.gpkg")[2].tolist() == [None]
-    tree = ElementTree.fromstring(empty.gpx("a way", [(3, 4), (4, 6)]))
-    assert [each.tag.rpartition("}")[2] for each in tree] == ["wpt", "wpt", "trk"]
-
-
-def test_gpx_holds_the_track_where_the_map_lies_on_the_earth(tmp_path):
-    (tmp_path / "a.gpx").write_bytes(route().gpx("a <way>", [(3, 4), (4, 5), (4, 6)]))
-    _, _, shapes, (heights,) = pyogrio.raw.read(
-        tmp_path / "a.gpx",
-        layer="track_points",
-        columns=["ele"],
-    )
-    there = lonlat_of(dem(), places_of(dem(), np.array([(3.0, 4.0)])))[0]
-    assert struct.unpack("<dd", shapes[0][5:21]) == pytest.approx(there, abs=1e-8)
-    names = pyogrio.raw.read(tmp_path / "a.gpx", layer="waypoints", columns=["name"])[3][0].tolist()
-    assert names == ["start", "via 1", "goal"] and heights.tolist() == [4.0, 5.0, 6.0]
-    with pytest.raises(InvalidQueryError, match="on the Earth"):
-        route(Georeference(MOON, PLACE.transform)).gpx("a way", [(3, 4), (4, 6)])
 
 
 def crs_of_geojson(place, folder):

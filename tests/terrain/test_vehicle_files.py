@@ -6,7 +6,6 @@ import pytest
 
 from nnpp_edge.runtime import (
     EnergyCost,
-    IrmischerCost,
     LinearCost,
     Mobility,
     TimeCost,
@@ -24,7 +23,7 @@ from tests.tables import cases
 BODY = "length_m = 1.5\nwidth_m = 1\nclearance_m = 0.3\n"
 ENERGY = "[mobility.energy]\nmass_kg = 50\nrolling_resistance = 0.1\n"
 TIME = "[mobility.time]\nslope_deg = [-10, 0, 10]\nspeed_m_s = [0.5, 1, 0.25]\n"
-WALKER = "[mobility.irmischer]\non_path = true\nfactor = 0.95\n"
+WALKER = "[mobility.tobler]\nfactor = 0.6\n"
 
 
 def test_what_is_shipped_can_be_read():
@@ -50,14 +49,8 @@ def test_a_vehicle_has_what_stands_in_its_file_and_defaults_else(write_toml):
 def test_a_mobility_has_what_stands_in_its_tables_and_defaults_else(write_toml):
     energy = EnergyCost(50.0, 0.1, recovery=0.5)
     table = TimeCost((-10.0, 0.0, 10.0), (0.5, 1.0, 0.25))
-    wanted = Mobility(
-        ToblerCost(factor=0.6),
-        LinearCost(),
-        table,
-        energy,
-        IrmischerCost(on_path=True, factor=0.95),
-    )
-    tables = ENERGY + "recovery = 0.5\n" + TIME + "[mobility.tobler]\nfactor = 0.6\n" + WALKER
+    wanted = Mobility(ToblerCost(factor=0.6), LinearCost(), table, energy)
+    tables = ENERGY + "recovery = 0.5\n" + TIME + WALKER
     assert load_mobility(write_toml(tables)) == wanted
     beside = write_toml(BODY + tables)
     assert load_mobility(beside) == wanted
@@ -80,14 +73,14 @@ vehicle | BODY length_m = 2              | wanted a vehicle in TOML
 vehicle | BODY [mobility.energy]\nmass_kg = -50\nrolling_resistance = 0.1 | mobility: energy | mass_kg
 mobility | BODY                           | wanted a table [mobility], got none
 mobility | BODY mobility = 3              | mobility: Expected object, got 3
-mobility | [mobility]\nfuel = 1           | mobility: fuel is unknown | tobler, irmischer, linear, time, energy
+mobility | [mobility]\nfuel = 1           | mobility: fuel is unknown | tobler, linear, time, energy
 mobility | [mobility]\ntime = 1           | mobility: time: Expected object | null, got 1
 mobility | ENERGY colour = 1              | mobility.energy: colour is unknown | mass_kg
 mobility | [mobility.energy]\nmass_kg = 50 | mobility: energy: | missing required field rolling
 mobility | [mobility.energy]\nmass_kg = -50\nrolling_resistance = 0.1 | energy | mass_kg must be | got -50
 mobility | [mobility.time]\nslope_deg = [-10, 0]\nspeed_m_s = [1, true] | time.speed_m_s[1]: Expected float, got True
 mobility | [mobility.time]\nslope_deg = [-0.5, 0.35]\nspeed_m_s = [1, 1] | slope_deg must be in degrees
-mobility | WALKER path = true             | mobility.irmischer: path is unknown: wanted one of on_path, factor
+mobility | WALKER path = true             | mobility.tobler: path is unknown: wanted one of factor
 """
 """What is read, what its file holds, and words of the refusal."""
 READ = {"vehicle": load_vehicle, "mobility": load_mobility}

@@ -33,7 +33,6 @@ SETTINGS = {
     "shortest": {"omega": 0.0, "method": "astar", "corner_cutting": False},
     "any angle": {"refine": True, "method": "corridor"},
     "on foot": {"step_cost": "tobler"},
-    "on foot off paths": {"step_cost": "irmischer"},
     "energy of a vehicle": {
         "step_cost": "energy",
         "body": "large-rover",
@@ -220,7 +219,7 @@ def test_the_page_opens_with_vehicles_and_the_first_question(answerer):
     opening = json.loads(answerer.opening())
     bodies = opening["bodies"]
     assert bodies["none"]["clearance_m"] is None and bodies["large-rover"]["clearance_m"] > 0.0
-    assert bodies["small-rover"]["outline"]["length_m"] > 0.0 and not opening["gpx"]
+    assert bodies["small-rover"]["outline"]["length_m"] > 0.0
     assert [name for name, body in bodies.items() if body["arcs"]] == ["car"]
     assert opening["asked"]["start"] == [8, 8]
     assert opening["asked"]["limits"]["hard_slope_deg"] == 30.0
@@ -300,8 +299,6 @@ def test_the_path_is_saved_as_it_is_drawn(answerer, site):
     assert feature["geometry"]["coordinates"] == pytest.approx(line)
     pytest.importorskip("pyogrio")
     assert ask(answerer, "file", asked, format="gpkg")[1].startswith(b"SQLite format 3")
-    off_earth, _ = ask(answerer, "file", asked, format="gpx")
-    assert off_earth["problem"].startswith("ground.npz: wanted a map with a coordinate system")
     none, _ = ask(answerer, "file", with_values(asked, goal=(45, 66)), format="geojson")
     assert none == {"problem": "there is no path to save"}
 

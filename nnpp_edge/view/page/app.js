@@ -93,7 +93,6 @@ function opening(site) {
   controls = new Controls(site, change);
   colourRefused(site.refused.map(({ colour }) => colour));
   byId("refused").replaceChildren(...site.refused.map(swatch));
-  document.querySelector("[data-format=gpx]").hidden = !site.gpx;
   putEnds();
   METHODS = Object.keys(site.methods);
   byId("methods").tBodies[0].replaceChildren(...METHODS.map(row));

@@ -6,8 +6,6 @@ go by it: one formula prices steps. Models price the slope alone: whether a cell
 decided by the traversability (or a body's poses).
 
 - ``tobler``: seconds of a hiker (`ToblerCost`).
-- ``irmischer``: seconds of a person who finds the way on foot, off paths or on them
-  (`IrmischerCost`).
 - ``linear``: so much a metre of the way, a metre climbed and a metre descended, as r.walk
   (`LinearCost`).
 - ``time``: seconds of a vehicle whose speed depends on the slope (`TimeCost`).
@@ -292,39 +290,6 @@ class TimeCost(SlopeCost):
 
 @checked(InvalidQueryError)
 @dataclass(frozen=True)
-class IrmischerCost(SlopeCost):
-    """Seconds of a person who navigates on foot with a map, off paths or on them.
-
-    Notes
-    -----
-    I. J. Irmischer and K. C. Clarke, Measuring and modeling the speed of human navigation,
-    Cartography and Geographic Information Science 45 (2), 2018, from the tracks of 200 people in
-    wooded country: with the slope s in percent, 0.11 + 0.67 exp(-(s + 2)² / (2·30²)) m/s off paths,
-    0.11 + exp(-(s + 5)² / (2·30²)) on them; women 0.95 of it. Beyond 45° the speed on the ground is
-    that at 45°.
-    """
-
-    on_path: bool = False
-    factor: float = 1.0
-    """Of the speed: 0.95 for women."""
-    function: ClassVar[str] = "Irmischer and Clarke's function"
-
-    def __post_init__(self) -> None:
-        """Refuse what is no speed: InvalidQueryError."""
-        check_ranges(self, InvalidQueryError, factor=ABOVE_0)
-
-    def per_m(self, slope: Float64s) -> Float64s:
-        gain, best = (1.0, -5.0) if self.on_path else (0.67, -2.0)
-        gentle = slope.clip(-1.0, 1.0)
-        speed = self.factor * (
-            0.11 + gain * np.exp(-((100.0 * gentle - best) ** 2) / (2.0 * 30.0**2))
-        )
-        cost: Float64s = np.hypot(1.0, slope) / np.hypot(1.0, gentle) / speed
-        return cost
-
-
-@checked(InvalidQueryError)
-@dataclass(frozen=True)
 class EnergyCost(SlopeCost):
     """Joules that a vehicle uses, less the energy that it recovers.
 
@@ -385,7 +350,6 @@ class EnergyCost(SlopeCost):
 
 SLOPE_COSTS: dict[str, type[SlopeCost]] = {
     "tobler": ToblerCost,
-    "irmischer": IrmischerCost,
     "linear": LinearCost,
     "time": TimeCost,
     "energy": EnergyCost,
@@ -409,7 +373,6 @@ class Mobility:
     linear: LinearCost = LinearCost()
     time: TimeCost | None = None
     energy: EnergyCost | None = None
-    irmischer: IrmischerCost = IrmischerCost()
 
     def under(self, gravity_m_s2: float) -> "Mobility":
         """This model under another gravity, on which energy depends."""
