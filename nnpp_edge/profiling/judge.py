@@ -170,15 +170,14 @@ def _line(
 
 
 def value_of(row: Facts, quantity: str) -> float | None:
-    """A quantity's figure in a row, None where it was not measured; of a spread of times,
-    ``map_ms`` is the median and ``map_ms_p99`` says which.
+    """A quantity's figure in a row, None where it was not measured; of a spread of times that has
+    it, ``map_ms`` is the median and ``map_ms_p99`` says which.
     """
+    value = row.get(quantity)
     spread, _, which = quantity.partition("_ms")
-    figures: object = row.get(f"{spread}_ms")
+    figures = row.get(f"{spread}_ms")
     if isinstance(figures, Mapping):
-        value = figures.get(which.removeprefix("_") or "median")
-    else:
-        value = row.get(quantity)
+        value = figures.get(which.removeprefix("_") or "median", value)
     return value if isinstance(value, int | float) else None
 
 
