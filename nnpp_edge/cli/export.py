@@ -16,7 +16,7 @@ _PARITY = (
 
 @options.command("export")
 def command(
-    checkpoint: Annotated[Path, options.PATH],
+    checkpoint: Path,
     /,
     output: Annotated[Path, "-o", options.NEW_FILE, "The ONNX file."],
     name: Annotated[

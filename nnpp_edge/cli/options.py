@@ -247,8 +247,6 @@ PATH = Named(path_type=Path)
 MAP = Named(path_type=Path)
 """A file, or ``sample:NAME`` for a map that travels with the package."""
 NEW_FILE = Named(path_type=Path, dir_okay=False)
-NEW_PATH = Named(path_type=Path)
-"""To be written: a file, or the folder of one."""
 FOLDER = Named(path_type=Path, file_okay=False)
 COUNT = click.IntRange(1, MOST)
 SEED = click.IntRange(0, 2**32 - 1)
@@ -268,6 +266,7 @@ SIZES = Parsed(
 )
 MANY = {"multiple": True}
 _KINDS: dict[object, object] = {
+    Path: PATH,
     Path | None: NEW_FILE,
     int: COUNT,
     int | None: COUNT,

@@ -8,7 +8,7 @@ import click
 
 from nnpp_edge.cli import options
 from nnpp_edge.cli.ground_options import GroundOptions
-from nnpp_edge.cli.requests import FORMATS, PlanRequest
+from nnpp_edge.cli.requests import PlanRequest
 from nnpp_edge.cli.text import tell
 from nnpp_edge.runtime.compiled.notice import told_if_slow
 from nnpp_edge.runtime.errors import optional_module
@@ -62,12 +62,12 @@ def command(
     nnpp-edge plan dem.tif --start 20,30 --goal 380,360 --workload limit20 -o plan
     """
     robot.limits()  # those that make no sense are refused before any work
-    if request.formats and output is None:
-        raise click.UsageError("--format needs -o")
-    for name in request.formats:
-        module, extra = FORMATS[name]
-        optional_module(module, f"--format {name}", extra)
-    names = [*_FILES, *(f"path.{name}" for name in dict.fromkeys(request.formats))]
+    names = [*_FILES]
+    if request.gpkg:
+        if output is None:
+            raise click.UsageError("--gpkg needs -o")
+        optional_module("pyogrio", "--gpkg", "vector")
+        names.append("path.gpkg")
     if output is not None and not options.can_draw("plan.png"):
         names.remove("plan.png")
     paths = options.files_in(output, names)

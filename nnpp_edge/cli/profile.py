@@ -38,8 +38,8 @@ _SIZES = (
 
 @options.command("compare")
 def compare_command(
-    before: Annotated[Path, options.PATH],
-    after: Annotated[Path, options.PATH],
+    before: Path,
+    after: Path,
     /,
     tolerance: Annotated[
         float, options.NOT_NEGATIVE, "Share by which a figure may become worse."
@@ -65,11 +65,9 @@ def compare_command(
 
 @options.command("render")
 def render_command(
-    report: Annotated[Path, options.PATH],
+    report: Path,
     /,
-    output: Annotated[
-        Path | None, "-o", options.NEW_PATH, "The page's file, or its folder."
-    ] = None,
+    output: Annotated[Path | None, "-o", options.PATH, "The page's file, or its folder."] = None,
 ) -> None:
     """Draw the page of a report, without measuring again.
 

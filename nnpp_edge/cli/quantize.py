@@ -29,7 +29,7 @@ _WORST = 5
 
 @options.command("quantize")
 def command(
-    model: Annotated[Path, options.PATH],
+    model: Path,
     /,
     dataset: Annotated[Path, options.FOLDER, "Data set to calibrate on."],
     validation: Annotated[Path, options.FOLDER, "Data set of other maps, to judge on."],

@@ -48,10 +48,6 @@ PLACE = Parsed("PLACE", "ROW,COL as two whole numbers, xy:X,Y or lonlat:LON,LAT"
 Start = Annotated[End, PLACE, "ROW,COL from 0, xy:X,Y or lonlat:LON,LAT."]
 
 
-FORMATS = {"gpkg": ("pyogrio", "vector")}
-"""What --format adds as path.NAME: the module that makes it, and the extra that brings that."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class PlanRequest:
     """Between which places `plan` plans, and what it shows beside the path."""
@@ -67,13 +63,7 @@ class PlanRequest:
         float | None,
         "Read and search only the map this many metres around start, goal and via.",
     ] = None
-    formats: Annotated[
-        tuple[str, ...],
-        "--format",
-        click.Choice(list(FORMATS)),
-        MANY,
-        "Also write path.gpkg.",
-    ] = ()
+    gpkg: Annotated[bool, "Also write path.gpkg, a GeoPackage."] = False
 
     def __post_init__(self) -> None:
         """Refuse what does not go together."""

@@ -288,7 +288,7 @@ def test_who_gave_a_wrong_place_does_not_wait(run, hills, monkeypatch):
             ended.refused(f"{words} lies outside the map of 80 × 90 cells")
     monkeypatch.setattr(dem_module, "read_dem", never)
     for words, module in (
-        (f"{EXACT} --format gpkg", "pyogrio"),
+        (f"{EXACT} --gpkg", "pyogrio"),
         ("reach hills.npz --start 5,5 --within-cost 9", "rasterio"),
     ):
         monkeypatch.setitem(sys.modules, module, None)

@@ -41,7 +41,7 @@ def hill(run):
 
 @pytest.mark.parametrize("body", ["", BODY])
 def test_all_outputs_say_the_same_numbers(run, told, hills, body):
-    words = f"{PLAN} {body} -o out --format gpkg"
+    words = f"{PLAN} {body} -o out --gpkg"
     found = told(words)
     made = {}
     if body:
@@ -134,7 +134,7 @@ def test_a_path_leads_by_way_of_places_in_the_order_given_or_in_the_best(run, to
 
 
 def test_rescaled_ground_costs_as_with_other_limits_and_lies_where_it_did(run, told, hills):
-    formats = "--format gpkg"
+    formats = "--gpkg"
     made = []
     for words in ("--rescale 0.5", "--limit roughness_limit_m=2.4 --limit step_limit_m=0.8"):
         found = told(f"{PLAN} --mobility large-rover {words} -o out {formats}")

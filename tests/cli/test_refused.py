@@ -53,7 +53,7 @@ $PLAN --step-cost tobler --mobility nope       | wanted a vehicle's file | 'nope
 $PLAN --step-cost tobler --memory 1kB          | in memory alone | directed
 $PLAN --step-cost tobler --refine any-angle    | refine='any-angle' prices lines by the map's cost
 $PLAN --set radius_m=2 --set turning_radius_m=4 | is a disc: wanted no other values
-$PLAN --format gpkg                            | --format needs -o
+$PLAN --gpkg                                   | --gpkg needs -o
 $BODY --rescale 2                              | a body is checked on the ground itself: leave it out
 $PLAN --rocks 0.1                              | no such option '--rocks'
 $PLAN --workload body-rocks30                  | 0 to 20 percent

@@ -80,7 +80,7 @@ mobility | [mobility.energy]\nmass_kg = 50 | mobility: energy: | missing require
 mobility | [mobility.energy]\nmass_kg = -50\nrolling_resistance = 0.1 | energy | mass_kg must be | got -50
 mobility | [mobility.time]\nslope_deg = [-10, 0]\nspeed_m_s = [1, true] | time.speed_m_s[1]: Expected float, got True
 mobility | [mobility.time]\nslope_deg = [-0.5, 0.35]\nspeed_m_s = [1, 1] | slope_deg must be in degrees
-mobility | WALKER path = true             | mobility.tobler: path is unknown: wanted one of factor
+mobility | WALKER path = true             | mobility.tobler: path is unknown: wanted one of top_speed_km_h, steepness, best_slope, factor
 """
 """What is read, what its file holds, and words of the refusal."""
 READ = {"vehicle": load_vehicle, "mobility": load_mobility}
