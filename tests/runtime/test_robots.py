@@ -47,7 +47,8 @@ def worlds(monkeypatch):
         for number in range(MAPS // 2 if "body" in name or "arcs" in name else MAPS):
             few = number % 2
             monkeypatch.setattr(pyramid, "ANOTHER_LEVEL_FROM", (256, 8)[few])
-            monkeypatch.setattr(search, "AROUND_GOAL", (4096, 24)[few])
+            for expansions in ("AROUND_GOAL", "LATE_IN_REGION", "LATE_ON_MAP"):
+                monkeypatch.setattr(search, expansions, (4096, 96)[few])
             monkeypatch.setattr(planner_module, "NEAREST_STOPS", (5, 1)[few])
             monkeypatch.setattr("nnpp_edge.runtime.search.astar._BETWEEN_LOOKS", (4096, 8)[few])
             monkeypatch.setattr(state, "ChangeLog", partial(ChangeLog, (64, 2)[few]))
