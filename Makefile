@@ -12,7 +12,7 @@
 # make release: all of that, a source distribution, what the onboard install consists of, notes and checksums, into
 # build/release; the same commit gives the same bytes. make try-release: each of these tried as a user will.
 # make bundle PLATFORM=aarch64 TARGET_PYTHON=3.11: of the release, a folder with every wheel for a robot without internet.
-# make try-bundle: the bundle for this machine, bare and without a network.
+# make try-bundle: a bundle, bare and without a network; one for aarch64 and 3.11, as root, on an emulated processor.
 # make try-aarch64: as root, both wheels on an emulated 64-bit ARM processor: the same plans as here, and fast tests. PYTHON is
 # to be 3.11.
 # make ros: the ROS 2 node beside plain rclpy, on the wheels of ROS 2 Kilted (x86-64), in an environment of its own.
@@ -124,7 +124,8 @@ bundle: build/release/SHA256SUMS
 	.ci/bundle $(PYTHON) $(PLATFORM) $(TARGET_PYTHON)
 
 try-bundle: bundle
-	.ci/try-bundle $(PYTHON) build/bundle/nnpp-edge-*-cp$(subst .,,$(TARGET_PYTHON))-$(PLATFORM)
+	.ci/try-$(if $(filter $(PLATFORM),$(shell uname -m)),bundle,$(PLATFORM)) $(PYTHON) \
+		build/bundle/nnpp-edge-*-cp$(subst .,,$(TARGET_PYTHON))-$(PLATFORM)
 
 try-wheel: wheel
 	$(TRY)

@@ -62,16 +62,15 @@ def _exercise_elevations(
     dem: Float2D, network: NetworkModel, vehicle: Vehicle | None = None, step_cost: str = "paper"
 ) -> None:
     """All of a map of heights at once, and plans of one that changes."""
-    start = (8, 5)
     goal = (140, 18)
     limits = Traversability(hard_slope_deg=25.0) if vehicle is None else None
     ground = Ground.of_elevation(dem, 1.0, limits, vehicle=vehicle, step_cost=step_cost)
     Planner(ground, lazy=False)
     over = STATES if vehicle is not None else CELLS
     moving = DynamicPlanner(ground, goal, model=network)
-    moving.move(start)
+    moving.move((8, 5))
     kept = [name for name, entry in METHODS.items() if entry.keeps and over in entry.robots]
-    for method in kept or ("corridor",):
+    for method in 2 * kept or ("corridor",):  # again: what has changed since is mended
         moving.replan(method=method)
         moving.update_elevation(3, 4, dem[:5, :6] + np.float32(0.01))
 
