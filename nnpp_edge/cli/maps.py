@@ -96,9 +96,11 @@ def reads_by_windows(
     room = available_bytes() if memory is None else memory
     if wanted <= room:
         return False
+    from rich.filesize import decimal
+
     left = "are free" if memory is None else "are allowed"
     cells = "{} × {} cells".format(*size)
-    need = f"{cells} need {_bytes(wanted)} in memory, {_bytes(room)} {left}"
+    need = f"{cells} need {decimal(wanted)} in memory, {decimal(int(room))} {left}"
     if whole:
         raise InvalidQueryError(
             f"{need}: with a vehicle or a directed step cost it is planned in memory alone, so cut "
@@ -106,10 +108,6 @@ def reads_by_windows(
         )
     warnings.warn(f"{need}: read by windows", stacklevel=2)
     return True
-
-
-def _bytes(count: float) -> str:
-    return f"{count / 1e9:.1f} GB" if count >= 1e9 else f"{count / 1e6:.1f} MB"
 
 
 def filed(ground: Raster) -> Dem:

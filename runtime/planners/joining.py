@@ -16,6 +16,7 @@ from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels.lattice import DIRECTION_COUNT
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.search.astar import Query, Search
+from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.tuning import JOIN_AT, JOIN_EXPANSIONS, JOIN_WITHIN
 
@@ -113,6 +114,8 @@ class Joiner:
         return None
 
     def search(self, query: Query) -> Search:
-        """A short search."""
+        """A short search; of arcs as in a corridor, as what it finds need not be the best."""
+        by_arcs = self._moves.columns == 3
+        region = Region.everywhere(*self._grid.shape) if by_arcs else None
         limit = JOIN_EXPANSIONS
-        return self._moves.search(self._grid, query, self._memory, None, limit=limit)
+        return self._moves.search(self._grid, query, self._memory, region, limit=limit)

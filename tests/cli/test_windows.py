@@ -39,7 +39,7 @@ def test_a_plan_by_windows_is_that_of_the_map_in_memory(run, told, ground):
     ended = run(f"{words} -o windows {SMALL} --json")
     assert ended.code == 0
     assert (
-        "warning: 300 × 400 cells need 2.9 MB in memory, 0.1 MB are allowed: read by windows"
+        "warning: 300 × 400 cells need 2.9 MB in memory, 100.0 kB are allowed: read by windows"
         in ended.err
     )
     found = ended.json

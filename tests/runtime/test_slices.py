@@ -505,7 +505,7 @@ def test_a_path_is_led_to_the_heading_in_which_it_is_to_arrive_now(robot, monkey
         assert plan.ok and (robot != "arcs" or plan.headings_deg[-1] == pytest.approx(heading))
 
 
-@pytest.mark.parametrize(("side", "source"), [(6, Source.STANDING), (20, Source.REGION)])
+@pytest.mark.parametrize(("side", "source"), [(5, Source.STANDING), (20, Source.REGION)])
 def test_auto_searches_anew_where_the_way_round_a_block_costs_much_more(robot, side, source):
     """A diagonal wall, two cells thick; a body on feet turns on the spot to go round it."""
     planner = moving(robot, np.zeros(SHAPE))
