@@ -233,7 +233,7 @@ def _draw_value(rng, kind, used):
 
 def _path(rng, kind, used):
     """A name of a file or folder: to be read or, where the option says so, written."""
-    written = kind in (options.NEW_FILE, options.NEW_PATH)
+    written = kind is options.NEW_FILE
     if written or (kind is options.FOLDER and rng.random() < 0.5):
         inputs = [word.removeprefix("replay:") for word in used if "in/" in word]
         new = rng.choice(("out/new", "out/a/b/new", "new")) + rng.choice(_ENDINGS)
