@@ -114,10 +114,11 @@ up to 600 cost a tenth more time with a radius of 16 cells."""
 AT_ENDS = 64
 """Expansions of a body's states from each end before anything else: of 24 queries without a path
 22 had an end from which at most 22 states are reached, which took the field 80 to 200 ms."""
-LATE_IN_REGION, LATE_ON_MAP = 65536, 16384
+LATE_IN_REGION, LATE_ON_MAP = 32768, 16384
 """Expansions of a body's search, of arcs in a region and else, from which on the last metres are
 searched from the goal. In a region after 8,192, 65,536, never, 512², radius 4 m: median 67, 54, 54
-ms, slowest 354, 404, 615."""
+ms, slowest 354, 404, 615; small rocks, 256², after 16,384, 32,768: p95 109, 109 ms, median 33, 31.
+"""
 CHECKED_SHARE, RISEN = 0.125, 1.01
 """How many expansions of its own that search may take then for each; and how many times more must
 be promised by these last metres for the search to begin again."""
@@ -162,10 +163,6 @@ ROOMY_ARC_CORRIDOR = CorridorWidth(6, 0.04, nearby=6.0, coarse_radius=0, coarse_
 """To a goal with a heading, and for a body that only goes forwards: paths lie 0.13 and 0.33 % above
 the optimum to a heading (p95 0.5 and 1.4; radius 8 and 16 cells), as narrow as others 0.3 and 0.6
 (2.2 and 4.5); forwards 0.12 and 0.18, as narrow 0.24 and 0.27."""
-TIGHT_ARC_CORRIDOR, LARGE_RADIUS = CorridorWidth(6, 0.04, 2.5, 0, 0.0), 8.0
-"""To a goal with a heading by small arcs, and the radius in cells from which on they are not: with
-one of 3 cells a wider corridor took 1.30 times the expansions of exact search to find that there is
-no path, this one 1.24."""
 WIDENED_ARC_CORRIDOR = CorridorWidth(12, 0.1, nearby=6.0, coarse_radius=0, coarse_band=0.0)
 """Where the first held no path of arcs, or a doubtful one. With a radius of 4 quarters, less room
 at a start than in the first, the whole map was searched for 10 of 148 queries on a crater's rim,
@@ -177,24 +174,18 @@ cells, where 3 held 0.26 % in the mean and 2 0.34 (512²), first plans took 1.48
 older median. Not for bodies that only go forwards: they turned there, 1.44 % (9.1) above the
 optimum, where links were corrected, 0.23 (1.0).
 """
-MOST_IN_VAIN = 0.5
-"""Expansions of a region without a path of arcs, by the square of the cells from start to goal,
-from which on the whole map is searched at once: the wider region seldom held a path then. Without
-this 12 of 519 queries took more than 1.5 times the expansions of exact search, with it 4."""
-MOST_ABOVE_FIELD = 1.3
+MOST_ABOVE_FIELD, DOUBTED_EVERY = 1.25, 1024
 """A path of arcs that costs more times what the legs of its region promised is looked for in a
-wider one, too. With 1.45 paths of a radius of 16 cells (256²) lay 0.52 % above the optimum (p95
-2.2), with 1.35 0.32 (1.0) for 1.05 times the time, with a radius of 8 cells 0.20 and 0.15 %.
+wider one; and the expansions after which the region is given up for it. Where it was searched to
+its end first, from 1.3 times on, plans among small rocks (256², radius 16 cells) took 1.4 times as
+long at p95 and paths lay 1.21 % above the optimum, now 1.13; with 1.1 their median is 1.2 times as
+long with a radius of 8 cells.
 """
 MOST_CORRECTIONS, MOST_ARC_CORRECTIONS = 3, 9
 """How many times a vehicle's region is searched, links corrected in between, before a
 wider one is; with arcs their states show where no way leads on. Without corrections 7 of 121 first
 plans needed the wider region or the whole map (256², 303 ms for 196 at most), with them 2.
 """
-MOST_FIELDS_IN_VAIN = 1.0
-"""Expansions of fields from a goal with a heading that did not reach the start, by the square of
-the cells between, from which on links are no longer corrected by them: without this a corridor took
-2.3 times the expansions of exact search to find that there is no path, with it 1.24."""
 REFINE_FROM = 192
 """Cells of a map's longer side from which on a learned region is searched coarsely first."""
 WIDENED_THRESHOLD, WIDENED_BLOCKS = 0.25, 1

@@ -419,6 +419,15 @@ def _set_out(ends, task):
 
 
 @inlined
+def _is_dominated(state, g_state, task):
+    """Whether the state of the other gear is sure to cost less, a change of gears included."""
+    other = state ^ DIRECTION_COUNT
+    word = word_of(task.memory.meta, other)
+    sure = word >> STAMP_SHIFT == task.memory.stamp and not word & UNSURE_BIT
+    return sure and g_of(task.memory.g, other) + task.rule.gear_change <= g_state
+
+
+@inlined
 def _come_by(row, col, local, way, checks, task):
     """g of a state by the primitive that leads to it, and that primitive's code, checked if it
     `checks`.
@@ -559,6 +568,7 @@ def expand_states(
     best_h = memory.reals[BEST_H]
     settled = memory.control[GOAL_STATE]
     ways = prices.moves.shape[1]
+    changes_gears = len(prices.moves) > DIRECTION_COUNT
     room = int64(len(memory.entries)) // 2 - ways - DIRECTION_COUNT - 3
     expansions = memory.control[EXPANSIONS]
     last = expansions + limits.most
@@ -584,6 +594,10 @@ def expand_states(
         h = _left_at(row, col, local, judge)
         g_state = g_of(memory.g, state)
         if g_state + h >= front.bound:
+            put_word(memory.meta, state, word & ~OPEN_BIT)
+            continue
+        # its other gear, by a change of gears, leads on at no higher cost
+        if changes_gears and _is_dominated(state, g_state, task):
             put_word(memory.meta, state, word & ~OPEN_BIT)
             continue
         # check what leads here; if that fails, or is dearer, the state waits for the next best way

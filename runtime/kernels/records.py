@@ -822,6 +822,8 @@ class StateRule(NamedTuple):
     """By how much an expanded state must become cheaper to be expanded again, for each expansion so
     far: 0 where what is left is judged consistently.
     """
+    gear_change: float
+    """What it costs, of a body whose states have gears."""
     frame: Annotated[Packed, FrameRecord]
     starting: Bools
     """(S,) states in which it may start, one at least."""

@@ -29,7 +29,6 @@ from nnpp_edge.runtime.tuning import (
     LANDMARK_PATIENCE,
     LEVEL_LANDMARKS,
     MOST_CELLS_FOR_LANDMARKS,
-    MOST_FIELDS_IN_VAIN,
     CorridorWidth,
 )
 
@@ -236,8 +235,7 @@ class CoarseToFine:
         ends = (query.start, query.direction >= 0), (query.goal, query.wanted is not None)
         for end, has_heading in ends:
             if region is not None and has_heading:
-                swing = self._state.grid.robot.moves.swing
-                region.add(widened((*end, 1, 1), swing, self._state.shape))
+                region.add(widened((*end, 1, 1), self._moves.swing, self._state.shape))
         return region
 
     def find(
@@ -261,19 +259,18 @@ class CoarseToFine:
         if top is None:
             top = self.top_for(query)
         coarse = self.coarse_levels[0]
-        spent = 0
+        # the first region alone is given up for the wider one, which may spare an arc too many
+        above = self._moves.most_above if source is Source.REGION else math.inf
         try:
             for left in reversed(range(self._moves.corridor_tries)):
                 if (inside := self._descend(query, work, top, region, width)) is None:
                     break
-                search = searcher.search(query, work, inside)
-                spent += search.expansions
+                search = searcher.search(query, work, inside, above)
+                above = math.inf
                 dead_end = search.exhausted if search.refused_f < math.inf else None
-                by_field = dead_end is self._finest.field and query.wanted is not None
                 if (
                     not left
                     or dead_end is None
-                    or (by_field and spent > MOST_FIELDS_IN_VAIN * query.apart**2)
                     or not coarse.close_dead_ends(inside, dead_end, self._state.shape)
                 ):
                     return Found.of(self._state.grid, search, source, inside)

@@ -117,5 +117,4 @@ class Joiner:
         """A short search; of arcs as in a corridor, as what it finds need not be the best."""
         by_arcs = self._moves.columns == 3
         region = Region.everywhere(*self._grid.shape) if by_arcs else None
-        limit = JOIN_EXPANSIONS
-        return self._moves.search(self._grid, query, self._memory, region, limit=limit)
+        return self._moves.search(self._grid, query, self._memory, region, limit=JOIN_EXPANSIONS)

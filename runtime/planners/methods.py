@@ -316,21 +316,10 @@ class Methods:
             by_blocks = self._by_blocks(query, work)
             if by_blocks is not None and by_blocks.suffices(query):
                 return by_blocks
-        corridors = self.descent.corridors(query, work, searcher or self.astar, widths)
-        moves = self.state.grid.robot.moves
-        doubted: Found | None = None
-        for found in corridors:
-            if not found.suffices(query):
-                # where this one took that long, a wider one would take as long as the whole map
-                if found.search.expansions > moves.most_in_vain * query.apart**2:
-                    break
-                continue
-            above = found.cost > moves.most_above * found.search.promised
-            if found.search.status is Status.OK and above and doubted is None:
-                doubted = found  # it has perhaps an arc too many, that a wider corridor spares
-                continue
-            return found if doubted is None or found.cost < doubted.cost else doubted
-        return doubted or self.search_map(query, work, Source.FALLBACK)
+        for found in self.descent.corridors(query, work, searcher or self.astar, widths):
+            if found.suffices(query):
+                return found
+        return self.search_map(query, work, Source.FALLBACK)
 
     def _by_blocks(self, query: Query, work: Work) -> Found | None:
         """A path over cells as far as these were seen, and over blocks' middles beyond; None if

@@ -111,8 +111,6 @@ class Search(NamedTuple):
     expansions: int
     refused_f: float = math.inf
     """Least f of a cell that was refused for lying outside the region; inf if none was."""
-    promised: float = math.inf
-    """Cost of a body's path as the field had it that guided the search."""
     exhausted: Workspace | None = None
     """Where there is no path, memory of a body's search that came to all that can be reached from
     one end.

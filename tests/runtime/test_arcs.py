@@ -172,10 +172,21 @@ def test_a_corridor_to_a_goal_with_a_heading_is_hardly_more_work_than_the_whole_
 def test_a_corridor_has_room_to_turn_round_at_an_end_with_a_heading(headings):
     """Without it the body went back and forth there, for 7 to 11 % more."""
     slow_to_reverse = replace(CAR, turning_radius_m=3.0, reverse_cost=3.0, gear_change_m=2.0)
-    made = planner(np.zeros((100, 140)), slow_to_reverse)
-    exact, other = of_both(made, (50, 35), (50, 110), **headings)
+    made = planner(np.zeros((100, 340)), slow_to_reverse)
+    exact, other = of_both(made, (50, 35), (50, 310), **headings)
     assert other.source is Source.REGION
     assert other.cost <= 1.002 * exact.cost
+
+
+def test_a_region_whose_paths_cost_far_more_than_promised_is_given_up_for_the_wider_one():
+    """To its end it took 7,200 expansions, for a path 3 % dearer; without what one gear says of the
+    other both take 14,800.
+    """
+    vehicle = replace(CAR, turning_radius_m=4.0, reverse_cost=2.0, gear_change_m=1.0)
+    made = planner(rocks(47, 100, 100, 0.012), vehicle)
+    plan = made.plan((25, 52), (90, 15), start_heading_deg=107.0, method="corridor")
+    assert plan.source is Source.WIDENED
+    assert plan.expansions < 14_000
 
 
 @pytest.mark.parametrize(
@@ -365,17 +376,6 @@ def test_what_guided_plans_to_a_goal_with_a_heading_misleads_none_with_another()
             moving.set_goal(goal, heading)
             best = best_cost(dem, start, 90.0, goal, vehicle, heading)
             assert moving.replan().cost <= 1.06 * best
-
-
-def test_a_plan_at_the_goal_leaves_no_costs_that_mislead_the_next():
-    vehicle = replace(CAR, reverse_cost=2.0)
-    goal = (66, 70)
-    moving = DynamicPlanner.of_elevation(rocks(3, 80, 80, 0.004), CELL_M, goal, vehicle=vehicle)
-    costs = []
-    for cell in (10, 12), goal, (10, 12):
-        moving.move(cell, 200.0)
-        costs.append(moving.replan().cost)
-    assert costs[1] == 0.0 and costs[2] == pytest.approx(costs[0])
 
 
 def test_a_path_of_arcs_is_left_where_it_is_blocked_and_joined_again(monkeypatch):

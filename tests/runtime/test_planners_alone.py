@@ -57,7 +57,7 @@ class Recording:
         self.answers = list(answers)
         self.areas = []
 
-    def search(self, query, work, region):
+    def search(self, query, work, region, *_):
         self.areas.append(region.area())
         return self.answers.pop(0) if self.answers else self.searcher.search(query, work, region)
 

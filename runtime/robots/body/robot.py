@@ -43,15 +43,12 @@ from nnpp_edge.runtime.tuning import (
     BODY_BAND_UP_TO,
     BODY_CORRIDOR,
     BODY_WEIGHT,
-    LARGE_RADIUS,
     MOST_ABOVE_FIELD,
     MOST_ARC_CORRECTIONS,
     MOST_CORRECTIONS,
-    MOST_IN_VAIN,
     MOST_SWING,
     ROOMY_ARC_CORRIDOR,
     SWING,
-    TIGHT_ARC_CORRIDOR,
     TURNS_IN_FIELD,
     WIDENED_ARC_CORRIDOR,
     WIDENED_BODY_CORRIDOR,
@@ -167,6 +164,7 @@ class BodyMoves(CellMoves):
         region: Region | None,
         hints: Hints | None = None,
         limit: int | None = None,
+        above: float = math.inf,
     ) -> Search:
         """As `Robot.search`; one search from the goal serves all regions of a query, but for
         a short search and where legs cost otherwise one way than the other.
@@ -176,7 +174,7 @@ class BodyMoves(CellMoves):
             from_goal = self._from_goal
             if from_goal is None or from_goal.query is not query:
                 from_goal = self._from_goal = FromGoal(grid, query, workspace.from_goal)
-        return search_states(grid, query, workspace, region, from_goal, limit)
+        return search_states(grid, query, workspace, region, from_goal, limit, above)
 
     def spreading(self, grid: "Grid", workspace: Workspace, links: UInt8) -> Spreading:
         everywhere = np.ones(workspace.states, np.bool_)
@@ -240,22 +238,20 @@ class ArcMoves(BodyMoves):
     columns = 3
     near = 0
     most_above = MOST_ABOVE_FIELD
-    most_in_vain = MOST_IN_VAIN
     corridor_tries = MOST_ARC_CORRECTIONS
     drives_both_ways = False
     corridors = ARC_CORRIDOR, WIDENED_ARC_CORRIDOR
+    corridors_to_heading = ROOMY_ARC_CORRIDOR, WIDENED_ARC_CORRIDOR
 
     def __init__(self, poses: Poses) -> None:
         super().__init__(poses)
-        down, right = ((poses.vehicle.turning_radius_m or 0.0) / side for side in poses.sides_m)
-        self._radius = max(down, right)
+        self._radius = (poses.vehicle.turning_radius_m or 0.0) / min(poses.sides_m)
         """Its turning radius, in cells."""
         if poses.vehicle.reverse_cost:
-            self.swing = min(int(SWING * down), MOST_SWING), min(int(SWING * right), MOST_SWING)
+            swing = min(int(SWING * self._radius), MOST_SWING)
+            self.swing = swing, swing
         else:
-            self.corridors = ROOMY_ARC_CORRIDOR, WIDENED_ARC_CORRIDOR
-        first = ROOMY_ARC_CORRIDOR if self._radius >= LARGE_RADIUS else TIGHT_ARC_CORRIDOR
-        self.corridors_to_heading = first, WIDENED_ARC_CORRIDOR
+            self.corridors = self.corridors_to_heading
         self.readiness = poses.vehicle.gear_change_m / poses.sides_m[0]
 
     def at_ends(self, query: Query) -> float:

@@ -68,6 +68,7 @@ from nnpp_edge.runtime.tuning import (
     AT_ENDS,
     BUCKET_WIDTH_BY_LANDMARKS,
     CHECKED_SHARE,
+    DOUBTED_EVERY,
     LATE_IN_REGION,
     LATE_ON_MAP,
     REOPENED_WITHIN,
@@ -112,7 +113,8 @@ def spreading(
         width = step * BUCKET_WIDTH_BY_LANDMARKS
     again = step / REOPENED_WITHIN if len(field.between) else 0.0
     frame = _frame(grid, workspace)
-    rule = StateRule(tuple(legs), width, kernels.BELOW, again, frame, starting, wanted)
+    change = grid.robot.moves.readiness
+    rule = StateRule(tuple(legs), width, kernels.BELOW, again, change, frame, starting, wanted)
     before = (states.poses, states.edges, tuple(states.prices), tuple(field), inside)
     return Spreading(expand_states, before, rule)
 
@@ -206,6 +208,7 @@ def search_states(
     region: Region | None,
     from_goal: FromGoal | None,
     limit: int | None = None,
+    above: float = math.inf,
 ) -> Search:
     """The cheapest path over a body's states, as `robots.Robot.search`.
 
@@ -247,19 +250,24 @@ def search_states(
     onwards = ends
     expansions = 0
     while True:
-        found = run(*search, onwards, workspace, until - expansions, query.deadline)
+        more = until - expansions
+        if above < math.inf:
+            more = min(more, DOUBTED_EVERY)
+        found = run(*search, onwards, workspace, more, query.deadline)
         code, length, expansions, refused = found
         if code == EXHAUSTED:
             beyond = math.inf if refused == math.inf else at_least
             return _no_path(grid, spent + expansions, beyond, workspace)
         if code == FOUND or expansions >= most or query.deadline.passed:
             path = _traced(grid, workspace, code, length)
-            return path._replace(
-                expansions=spent + expansions, refused_f=at_least, promised=promised
-            )
+            return path._replace(expansions=spent + expansions, refused_f=at_least)
+        onwards = ends._replace(start=ON)
+        if workspace.least_open > above * promised:
+            return _no_path(grid, spent + expansions, at_least, None)
+        if expansions < until:
+            continue
         # it takes long: the search from the goal goes on, too, of arcs for the last metres at first
         assert from_goal is not None
-        onwards = ends._replace(start=ON)
         until = max(2 * expansions, LATE_ON_MAP)
         first = by_arcs and from_goal.expansions < AROUND_GOAL
         spent += from_goal.go_on(max(by_arcs * AROUND_GOAL, int(CHECKED_SHARE * expansions)))
