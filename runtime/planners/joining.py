@@ -115,6 +115,5 @@ class Joiner:
 
     def search(self, query: Query) -> Search:
         """A short search; of arcs as in a corridor, as what it finds need not be the best."""
-        by_arcs = self._moves.columns == 3
-        region = Region.everywhere(*self._grid.shape) if by_arcs else None
+        region = Region.everywhere(*self._grid.shape) if self._moves.columns == 3 else None
         return self._moves.search(self._grid, query, self._memory, region, limit=JOIN_EXPANSIONS)

@@ -236,11 +236,10 @@ def search_states(
     if region is not None:
         at_least = float(octile.py_func(*query.start, *query.goal, *grid.prices))
     guide_in = partial(_guide, grid, query, region, from_goal, most)
-    memory = workspace.field
-    code, filling, field = guide_in(memory)
+    code, filling, field = guide_in(workspace.field)
     spent += filling
     if code == EXHAUSTED:
-        return _no_path(grid, spent, at_least, memory)
+        return _no_path(grid, spent, at_least, workspace.field)
     if code != FOUND:
         return Search.without_path(Status.TIMEOUT, spent, at_least, grid.robot.moves.columns)
     # search the states by it, from the start to the goal
@@ -262,7 +261,7 @@ def search_states(
             path = _traced(grid, workspace, code, length)
             return path._replace(expansions=spent + expansions, refused_f=at_least)
         onwards = ends._replace(start=ON)
-        if workspace.least_open > above * promised:
+        if workspace.least_open > above * promised and expansions < LATE_IN_REGION:
             return _no_path(grid, spent + expansions, at_least, None)
         if expansions < until:
             continue
