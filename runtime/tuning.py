@@ -176,7 +176,7 @@ optimum, where links were corrected, 0.23 (1.0).
 """
 MOST_ABOVE_FIELD, DOUBTED_EVERY = 1.25, 1024
 """A path of arcs that costs more times what the legs of its region promised is looked for in a
-wider one; and after how many expansions each, until it takes long, the region is given up for it.
+wider one; and after how many expansions each, unless it takes very long, the region is given up.
 Where it was searched to its end, from 1.3 times on, plans among small rocks (256², radius 16 cells)
 took 1.3 times as long at p95 and paths lay 1.25 % above the optimum, now 1.14; with 1.1 medians are
 1.2 times as long with a radius of 8 cells. Given up late, too, the slowest took 1.6 times as long.

@@ -261,13 +261,13 @@ def search_states(
             path = _traced(grid, workspace, code, length)
             return path._replace(expansions=spent + expansions, refused_f=at_least)
         onwards = ends._replace(start=ON)
-        if workspace.least_open > above * promised and expansions < LATE_IN_REGION:
+        if workspace.least_open > above * promised and expansions < 2 * LATE_IN_REGION:
             return _no_path(grid, spent + expansions, at_least, None)
         if expansions < until:
             continue
         # it takes long: the search from the goal goes on, too, of arcs for the last metres at first
         assert from_goal is not None
-        until = max(2 * expansions, LATE_ON_MAP)
+        until = 2 * expansions
         first = by_arcs and from_goal.expansions < AROUND_GOAL
         spent += from_goal.go_on(max(by_arcs * AROUND_GOAL, int(CHECKED_SHARE * expansions)))
         if from_goal.code == EXHAUSTED:
