@@ -593,11 +593,9 @@ def expand_states(
         row, col, local = _place(state, frame)
         h = _left_at(row, col, local, judge)
         g_state = g_of(memory.g, state)
-        if g_state + h >= front.bound:
-            put_word(memory.meta, state, word & ~OPEN_BIT)
-            continue
-        # its other gear, by a change of gears, leads on at no higher cost
-        if changes_gears and _is_dominated(state, g_state, task):
+        # close it where no better path leads on, or its other gear leads on at no higher cost
+        too_dear = g_state + h >= front.bound
+        if too_dear or (changes_gears and _is_dominated(state, g_state, task)):
             put_word(memory.meta, state, word & ~OPEN_BIT)
             continue
         # check what leads here; if that fails, or is dearer, the state waits for the next best way
