@@ -72,7 +72,7 @@ def peer_planners() -> tuple[list[PeerPlanner], list[str]]:
 
 
 def _ours(method: str, network: NetworkModel, weights: Float2D) -> Search:
-    planner = Planner(weights, step_cost="length", model=network.share())
+    planner = Planner(weights, step_cost="length", model=network)
 
     def search(ends: Endpoints) -> Cells | None:
         plan = planner.plan(*ends, method=method)

@@ -58,7 +58,7 @@ def evaluate(
         of_case = {"unsolvable": case.unsolvable, "poses": _poses(case)}
         kept: list[Answers] = []
         for rival in rivals:
-            make = partial(rival.apart().on, case.ground)
+            make = partial(rival.on, case.ground)
             if fresh_map or of_body:
                 fresh = partial(_from_elevations, make, kept)
                 on_map.calls[_FRESH + rival.name] = fresh

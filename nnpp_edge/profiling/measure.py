@@ -196,7 +196,7 @@ class Run:
     def _arriving(self, case: Case, rows: list[dict[str, Row]]) -> None:
         """Times of maps and patches that have just arrived, into the rows of the queries."""
         for name in self._rivals.keys() & self._profile.arriving:
-            own = self._rivals[name].apart()
+            own = self._rivals[name]
             arrive = partial(arrival_ms, own, case.ground, harness=self._harness)
             arrive(case.queries[0])  # kernels loaded
             for query, answers in zip(case.queries, rows, strict=True):

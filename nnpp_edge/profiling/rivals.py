@@ -1,7 +1,7 @@
 """Planners that are measured beside each other, under the names that reports give them."""
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 from nnpp_edge.profiling.suites import Case
@@ -52,12 +52,6 @@ class RivalPlanner:
         )
         return partial(planned, planner, self.method)
 
-    def apart(self) -> "RivalPlanner":
-        """With a network that no other planner uses: what that has been shown of a map is
-        not kept.
-        """
-        return replace(self, model=self.model and self.model.share())
-
 
 def planned(planner: Planner, method: str, query: Endpoints, *, keep_regions: bool = False) -> Plan:
     """The answer of a planner by a method."""
@@ -71,10 +65,8 @@ def _in_corridor(
     it shows what is owed to the network, and what to narrow corridors alone.
     """
     work = Work()
-    state = methods.state
-    checked = state.checked
     found = methods.corridor(Query(*query), work, widths=(width, WIDENED_CORRIDOR))
-    return found.plan(DynamicMethod.CORRIDOR, work, state, checked, keep_regions=keep_regions)
+    return found.plan(DynamicMethod.CORRIDOR, work, methods.state, keep_regions=keep_regions)
 
 
 class OnMap:

@@ -82,8 +82,8 @@ class OneMap:
         row_block, col_block = self.lookup
         self._ends = [(int(row_block[row]), int(col_block[col])) for row, col in query]
         self._models = {
-            NETWORK: networks.paper.share(),
-            SHUFFLED: shuffled(networks.paper.path).share(),
+            NETWORK: networks.paper,
+            SHUFFLED: shuffled(networks.paper.path),
         }
         self._inference_s = dict[str, float]()
         self._count = 0

@@ -5,7 +5,7 @@
 import math
 
 import numpy as np
-from numpy import float32, inf
+from numpy import float32, inf, uint64
 
 from nnpp_edge.runtime.compiled.kernel import helper, inlined, kernel
 from nnpp_edge.runtime.kernels.records import Area
@@ -79,14 +79,18 @@ def add_costs(line, scale, offset, sums, walls):
 @helper
 def put_means(planes, i, part, inner_cols, lines, sums, walls):
     """Write the part's row i of network cells, from the sums of each column over so many lines."""
+    wide = 0
+    per_cell = float32(0.0)
     for j in range(part.col0, part.col1):
         left, right = cells_under(j, inner_cols, len(sums))
         total = float32(0.0)
         blocked = float32(0.0)
         for col in range(left, right):
-            total += sums[col]
-            blocked += walls[col]
-        per_cell = float32(1.0 / (lines * (right - left)))
+            total += sums[uint64(col)]
+            blocked += walls[uint64(col)]
+        if right - left != wide:  # to divide takes as long as to sum up
+            wide = right - left
+            per_cell = float32(1.0 / (lines * wide))
         planes[0, i, j] = total * per_cell
         planes[1, i, j] = blocked * per_cell
 

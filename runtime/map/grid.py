@@ -1,6 +1,7 @@
 """The map as the searches see it: weights with a border of impassable cells."""
 
 import math
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,7 +89,6 @@ class Grid:
             self.set_bounds(math.inf, 0.0)
         else:
             self.set_bounds(0.0, model.scale)
-        self._measured = self.least, self.greatest
 
     @classmethod
     def of(cls, cost: Float2D, model: StepModel, corner_cutting: bool = True) -> "Grid":
@@ -113,7 +113,6 @@ class Grid:
             model.refuse(float(passable.min() if too_low else passable.max()))
         if lowest < math.inf:
             grid.set_bounds(float(lowest * limits.scale), float(highest * limits.scale))
-        grid._measured = grid.least, grid.greatest
         return grid
 
     def drive_by(self, robot: Robot) -> None:
@@ -146,25 +145,30 @@ class Grid:
         """No passable cell weighs less than `least`, inf as long as there is none, and none more
         than `greatest`.
         """
+        self._measured = least, greatest
         self.least = least
         self.greatest = greatest
-        self.prices = self._bounds[:2]
-        """Cost of getting a straight and a diagonal step closer, see `Price.bounds`."""
+        vars(self).pop("bounds", None)
+
+    @cached_property
+    def bounds(self) -> tuple[float, float, float]:
+        """As `Price.bounds`."""
+        return self.robot.price.bounds(self, self.robot.moves.shortest)
 
     @property
-    def _bounds(self) -> tuple[float, float, float]:
-        return self.robot.price.bounds(self, self.robot.moves.shortest)
+    def prices(self) -> tuple[float, float]:
+        """Cost of getting a straight and a diagonal step closer."""
+        return self.bounds[:2]
 
     @property
     def step_ratio(self) -> float:
         """Cost of the dearest step, in times of the cheapest."""
-        return self._bounds[2] / self.prices[0]
+        return self.bounds[2] / self.bounds[0]
 
     def measure_bounds(self) -> None:
         """Set the bounds to what the weights are."""
         greatest = self.weights.max(where=self.weights < np.inf, initial=0.0)
         self.set_bounds(float(self.weights.min()), float(greatest))
-        self._measured = self.least, self.greatest
 
     def update(
         self,
@@ -208,17 +212,14 @@ class Grid:
         if refused < math.inf:
             self.model.refuse(refused)
         before = (self.least, self.greatest)
+        low, high = self._measured
         lengths = self.model.kind is StepCost.LENGTH
         if math.isfinite(least):
             self.set_bounds(least, greatest)
-        if whole:
-            self._measured = self.least, self.greatest
-        elif (
-            lengths
-            and at_bound
-            and (least < _FAR * self._measured[0] or _FAR * greatest > self._measured[1])
-        ):
-            self.measure_bounds()
+        if not whole:
+            self._measured = low, high
+            if lengths and at_bound and (least < _FAR * low or _FAR * greatest > high):
+                self.measure_bounds()
         rescaled = lengths and before != (self.least, self.greatest)
         top, left, changed_rows, changed_cols = rectangle_of(area)
         part = (row + top, col + left, changed_rows, changed_cols)

@@ -4,6 +4,7 @@ what steps cost.
 
 import math
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
 
@@ -148,7 +149,7 @@ class Ground:
             None, *known, traversability=traversability, factor=factor, prior_model=model, **more
         )
 
-    @property
+    @cached_property
     def sides_m(self) -> Sides:
         """Height and width of a cell, metres; 1 where none is known. InvalidMapError if one is no
         positive number.
@@ -162,7 +163,7 @@ class Ground:
         """The vehicle, if its poses decide where paths may go; None for a point or a disc."""
         return self.vehicle and self.vehicle.as_body
 
-    @property
+    @cached_property
     def limits(self) -> "Traversability":
         """By what cells are priced, and which are impassable; with a body none is, as its own
         limits decide.
@@ -201,7 +202,7 @@ class Ground:
         """Itself with the cost (H, W) of each cell in place of heights, where these say no more."""
         return replace(self, cost=cost, elevation=None) if self.by_costs else self
 
-    @property
+    @cached_property
     def shape(self) -> tuple[int, int]:
         """Rows and columns."""
         values, name = (self.elevation, "dem") if self.cost is None else (self.cost, "cost")

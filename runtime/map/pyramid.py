@@ -15,7 +15,6 @@ import functools
 import itertools
 import math
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
@@ -75,7 +74,7 @@ class Pyramid:
         shapes = coarse_shapes(grid.rows, grid.cols)
         model, (straight, diagonal) = grid.model, grid.model.weight_term
         share = grid.robot.moves.weight_share
-        model = replace(model, weight_term=(share * straight, share * diagonal))
+        model = model._replace(weight_term=(share * straight, share * diagonal))
         self._left: Iterator[None] = iter(())
         """Pools a stripe at each step."""
         parts = [] if grid.tiles is None else grid.tiles.add_levels(shapes)

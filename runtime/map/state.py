@@ -254,11 +254,6 @@ class MapState:
         return math.ceil(self.vehicle.reach_m / min(self.sides_m))
 
     @property
-    def checked(self) -> int:
-        """Poses of a vehicle that have been checked so far."""
-        return self.grid.robot.stance.checks
-
-    @property
     def costs_computed(self) -> float:
         """Share of the map's cells whose cost is there, in [0, 1]."""
         tiles = self.grid.tiles
@@ -288,11 +283,6 @@ def map_state(
         directed = ground.slope_cost is not None and not ground.slope_cost.symmetric
         more = DIRECTED_BYTES_PER_CELL * directed + body_bytes
         check_planner_fits(ground.shape, more, filed=is_filed(heights))
-    if warn and heights is not None and ground.factor == 1:
-        from nnpp_edge.runtime.terrain.traversability import relative_heights, warn_of_saturation
-
-        relative, _ = relative_heights(heights)
-        warn_of_saturation(relative, ground.limits, ground.sides_m)
     if heights is None:
         model = StepModel.of(ground.step_cost, omega)
         costs = Costs(ground.costs(), model, corner_cutting, tell_unknown or vehicle is not None)
@@ -305,6 +295,10 @@ def map_state(
 
         unseen = Unseen(ground)
     lowest = Heights(ground, StepModel.of(StepCost.PAPER, omega), corner_cutting, unseen)
+    if warn and unseen is None:
+        from nnpp_edge.runtime.terrain.traversability import warn_of_saturation
+
+        warn_of_saturation(lowest.array, ground.limits, ground.sides_m)
     by_cells = ground.body is None and ground.slope_cost is None
     layers = [lowest, Told(lowest, shut_alone=not by_cells)]
     layers += [Given(lowest, name) for name in ground.layers]

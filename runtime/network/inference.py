@@ -3,6 +3,7 @@
 import functools
 from collections.abc import Callable
 from pathlib import Path
+from weakref import finalize
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D, Planes, in_blocks
 from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.network.encoding import Point, encode_gaussian
-from nnpp_edge.runtime.network.loading import OUTPUT, PLACES, LoadedModel, opened
+from nnpp_edge.runtime.network.loading import OUTPUT, PLACES, Bound, LoadedModel, opened
 from nnpp_edge.runtime.network.model_file import model_path
 from nnpp_edge.runtime.network.place_head import PlaceHead
 from nnpp_edge.runtime.reading import refused_as
@@ -113,16 +114,15 @@ class NetworkModel:
         return self._head is not None
 
     def _bind(self, loaded: LoadedModel) -> None:
-        """Allocate inputs and outputs once, of the shapes that the metadata implies, and
-        bind them.
-        """
+        """Take inputs and outputs of the shapes that the metadata implies."""
+        self._loaded = loaded
         self.metadata = m = loaded.metadata
-        self.inputs: dict[str, Planes] = {
-            name: np.zeros(shape, np.float32) for name, shape in loaded.inputs.items()
-        }
-        self._outputs = {
-            name: np.zeros(shape, np.float32) for name, shape in loaded.outputs.items()
-        }
+        self.session = loaded.session
+        try:
+            bound = loaded.idle.pop()
+        except IndexError:
+            bound = _bound(loaded)
+        self.inputs, self._outputs, self._binding = bound
         self._encoded = False
         self._head: PlaceHead | None = None
         self._answer: Float2D
@@ -131,13 +131,7 @@ class NetworkModel:
         else:
             self._head = PlaceHead(loaded.head, self._outputs[PLACES])
             self._answer = np.empty((m.blocks, m.blocks), np.float32)
-        self._loaded = loaded
-        self.session = loaded.session
-        self._binding = self.session.io_binding()
-        for name, array in self.inputs.items():
-            self._binding.bind_input(name, "cpu", 0, array.dtype, array.shape, array.ctypes.data)
-        for name, output in self._outputs.items():
-            self._binding.bind_output(name, "cpu", 0, np.float32, output.shape, output.ctypes.data)
+            finalize(self, loaded.idle.append, bound)
 
     def _infer(self) -> None:
         """Run the session; ModelError where its graph fails."""
@@ -145,3 +139,17 @@ class NetworkModel:
             ModelError, f"{self.path}: wanted an ONNX model, got one whose graph fails"
         ):
             self.session.run_with_iobinding(self._binding)
+
+
+def _bound(loaded: LoadedModel) -> Bound:
+    """New inputs and outputs of a network."""
+    inputs, outputs = (
+        {name: np.zeros(shape, np.float32) for name, shape in shapes.items()}
+        for shapes in (loaded.inputs, loaded.outputs)
+    )
+    binding = loaded.session.io_binding()
+    for name, array in inputs.items():
+        binding.bind_cpu_input(name, array)
+    for name, array in outputs.items():
+        binding.bind_output(name, "cpu", 0, array.dtype, array.shape, array.ctypes.data)
+    return inputs, outputs, binding

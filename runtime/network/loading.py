@@ -10,11 +10,12 @@ import os
 import threading
 from collections import deque
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 from weakref import WeakValueDictionary
 
+from nnpp_edge.runtime.arrays import Planes
 from nnpp_edge.runtime.errors import ModelError, NnppEdgeError
 from nnpp_edge.runtime.network.model_file import (
     HEAD_KEY,
@@ -30,7 +31,7 @@ from nnpp_edge.runtime.reading import refused_as
 from nnpp_edge.runtime.tuning import TWO_THREADS_FROM
 
 if TYPE_CHECKING:
-    from onnxruntime import InferenceSession
+    from onnxruntime import InferenceSession, IOBinding
 
 OUTPUT = "probability"
 PLACES = "places"
@@ -41,12 +42,14 @@ DEFAULT_THREADS = 2
 KEPT = 2
 """Sessions kept without a network that uses them."""
 Shapes = dict[str, tuple[int, ...]]
+Bound = tuple[dict[str, Planes], dict[str, Planes], "IOBinding"]
+"""Inputs and outputs of a network, by name, and the binding by which its session uses them."""
 Identity = tuple[int, ...]
 """Device, inode, size and times of a file: what tells it from any other, and from what it was
 before a change.
 """
-Key = tuple[Identity, int | None, int]
-"""File and threads as asked for, and without a number of threads the cores that it depends on."""
+Key = tuple[Identity, int | None]
+"""File, and threads as asked for."""
 
 
 @dataclass(eq=False)
@@ -61,6 +64,8 @@ class LoadedModel:
     outputs: Shapes
     head: Matrices | None
     """Of a network in two parts."""
+    idle: deque[Bound] = field(default_factory=lambda: deque(maxlen=KEPT))
+    """Left by networks in two parts that are gone, for the next ones."""
 
 
 _loading = threading.Lock()
@@ -109,8 +114,7 @@ def begin_loading(model: object) -> None:
 
 
 def _key(path: Path, threads: int | None) -> Key:
-    cores = min(DEFAULT_THREADS, len(os.sched_getaffinity(0))) if threads is None else 0
-    return _identity(path), threads, cores
+    return _identity(path), threads
 
 
 def _identity(path: Path) -> Identity:
@@ -122,11 +126,12 @@ def _identity(path: Path) -> Identity:
 
 def _load(path: Path, key: Key) -> LoadedModel:
     """Read, check and open a file."""
-    identity, threads, cores = key
+    identity, threads = key
     metadata = read_metadata(path)  # which refuses what would never be opened
     count = threads
     if count is None:
-        count = 1 if metadata.input_size < TWO_THREADS_FROM else cores
+        cores = len(os.sched_getaffinity(0))
+        count = 1 if metadata.input_size < TWO_THREADS_FROM else min(DEFAULT_THREADS, cores)
     session = open_session(path, count)
     inputs, outputs = _shapes(metadata)
     with refused_as(

@@ -3,6 +3,7 @@
 import hashlib
 import json
 from dataclasses import dataclass, field
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Final, Literal
@@ -31,7 +32,6 @@ CHANNELS = {
 """Names of what a network is shown, in order, by its encoding."""
 QUERY_SPACING = 8
 """Network cells between the points of a query that is encoded as ``ends``."""
-_MODELS = Path(str(files("nnpp_edge.models")))
 
 Count = Annotated[int, msgspec.Meta(gt=0)]
 Positive = Annotated[float, msgspec.Meta(gt=0.0)]
@@ -124,14 +124,14 @@ def model_path(name: str | Path) -> Path:
     """Path of a shipped model by its name (``edge``), or of a model file; ModelError where there is
     neither.
     """
-    shipped = _MODELS / f"{name}.onnx"
-    for path in (shipped, Path(name)):
-        if (problem := problem_with_file(path)) is None:
-            return path
-    names = ", ".join(_shipped())
+    if (shipped := _shipped().get(str(name))) is not None:
+        return shipped
+    path = Path(name)
+    if (problem := problem_with_file(path)) is None:
+        return path
     raise ModelError(
-        f"wanted a model file or the name of a shipped model ({names}), got {str(name)!r} "
-        f"({problem})"
+        f"wanted a model file or the name of a shipped model ({', '.join(_shipped())}), got "
+        f"{str(name)!r} ({problem})"
     )
 
 
@@ -148,9 +148,11 @@ def list_models() -> list[ModelFile]:
     return [read_model_file(name) for name in _shipped()]
 
 
-def _shipped() -> list[str]:
-    """Names of the shipped models."""
-    return sorted(path.stem for path in _MODELS.glob("*.onnx"))
+@cache
+def _shipped() -> dict[str, Path]:
+    """The shipped models' files, by name."""
+    folder = Path(str(files("nnpp_edge.models")))
+    return {path.stem: path for path in sorted(folder.glob("*.onnx"))}
 
 
 def read_model_file(model: str | Path = "edge") -> ModelFile:

@@ -3,7 +3,6 @@ been seen.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -46,7 +45,7 @@ class BlockWay:
         self._unseen = state.unseen
         everywhere = 0, 0, *self._unseen.dem.shape
         model = state.grid.model
-        model = replace(model, scale=model.scale * PRICE_SCALE)
+        model = model._replace(scale=model.scale * PRICE_SCALE)
         ground = Ground(self._unseen.costs(everywhere) / PRICE_SCALE)
         self._map = MapState(ground, [Costs(ground.costs(), model, True, tells_unknown=False)])
         self._find = find(self._map)

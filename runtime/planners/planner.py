@@ -212,17 +212,15 @@ class Planner(OnMap):
         direction: int = -1,
     ) -> Plan:
         """The plan by the search alone."""
-        begin = -1
         wanted = None
         start_deg = asked.get("start_heading_deg")
         goal_deg = asked.get("goal_heading_deg")
         if start_deg is not None or goal_deg is not None:
             tolerance = asked.get("goal_tolerance_deg", 0.0)
             begin, wanted = self._state.grid.robot.moves.ends(start_deg, goal_deg, tolerance)
-        if direction >= 0:
-            begin = direction
+            direction = begin if direction < 0 else direction
         epsilon = asked.get("epsilon", math.inf)
-        query = Query.of(start, goal, deadline, epsilon, begin, wanted)
+        query = Query.of(start, goal, deadline, epsilon, direction, wanted)
         method = Method(asked.get("method", Method.AUTO))
         keep = asked.get("keep_regions", False)
         return self._methods.plan(query, work, method, keep_regions=keep)

@@ -22,8 +22,9 @@ from nnpp_edge.runtime.search.region import Lookup
 from nnpp_edge.runtime.terrain.step_cost import GREY_LEVELS, StepCost
 from nnpp_edge.runtime.tuning import STRIPE_CELLS, WINDOW_ROUNDING, WINDOW_SHARE
 
-_Place = tuple[tuple[int, int], Rectangle, Frame, int]
-"""A map's shape, the window that the network is shown, its frame, and blocks to a side."""
+_Place = tuple[tuple[int, int], Rectangle, int, int]
+"""A map's shape, the window that the network is shown, and that one's cells and blocks to a side.
+"""
 
 
 class MapView:
@@ -55,7 +56,7 @@ class MapView:
         """The window at the network's size, as it was when the network was last shown it,
         or later.
         """
-        self._shown = np.full_like(self.planes, np.inf)
+        self._shown = self.planes
         """The planes that the network saw last."""
         self._changes = state.log.reader()
         self._drift = math.inf
@@ -93,7 +94,7 @@ class MapView:
         self._read_changes()
         self._average_changes(deadline)
         self.network.set_map(self.planes)
-        self._shown[:] = self.planes
+        self._shown = self.planes.copy()
         self._drift = 0.0
 
     def block(self, cell: Cell) -> Cell:
@@ -111,7 +112,7 @@ class MapView:
         self.window = window
         _, _, rows, cols = window
         self.frame = Frame(rows, cols, self.size)
-        self._place = self._grid.shape, window, self.frame, self.blocks
+        self._place = self._grid.shape, window, self.size, self.blocks
         self.lookup = _lookup(self._place)
         """The block that each row and column of the map lies in."""
         self._drift = math.inf
@@ -193,9 +194,10 @@ class MapView:
 @lru_cache(maxsize=8)
 def _lookup(place: _Place) -> Lookup:
     """The block that each row and column of a map lies in; outside the window one past the last."""
-    shape, (row, col, height, width), frame, blocks = place
+    shape, (row, col, height, width), size, blocks = place
     of_rows, of_cols = (np.full(side, blocks, np.int32) for side in shape)
-    of_rows[row : row + height], of_cols[col : col + width] = frame.lookup(blocks)
+    within = Frame(height, width, size).lookup(blocks)
+    of_rows[row : row + height], of_cols[col : col + width] = within
     return of_rows, of_cols
 
 

@@ -12,9 +12,8 @@ Steps that cost by the slope, and so not alike both ways, are those of `slope_co
 """
 
 import math
-from dataclasses import dataclass
 from enum import StrEnum
-from typing import NoReturn
+from typing import NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,8 +38,7 @@ class StepCost(StrEnum):
     LENGTH = "length"
 
 
-@dataclass(frozen=True)
-class StepModel:
+class StepModel(NamedTuple):
     """Coefficients of a step's cost, and of the weight that a cell's cost becomes."""
 
     kind: StepCost

@@ -106,10 +106,10 @@ class Traversability:
 
     def of_terms(self, kind: str) -> list[float]:
         """The ``limit``, ``weight`` or ``hard`` limit of each of `TERMS`, in the kernels' units."""
-        values = {name: getattr(self, name) for name in (getattr(term, kind) for term in TERMS)}
+        names = [getattr(term, kind) for term in TERMS]
         return [
-            math.radians(value) if name.endswith("_deg") else value
-            for name, value in values.items()
+            math.radians(getattr(self, name)) if name.endswith("_deg") else getattr(self, name)
+            for name in names
         ]
 
     def added(self, layers: Layers, part: Rectangle) -> Float2D:
