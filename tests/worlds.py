@@ -37,6 +37,8 @@ class World:
 
     layers: ClassVar = {}
     """Numbers beside heights, by name."""
+    ready = 0.0
+    """By how much less than any other a path that stands may cost."""
 
     def __init__(self, rng, layers, sides, limits=None, *, step_cost="paper", vehicle=None):
         self.rng = rng
@@ -73,15 +75,14 @@ class World:
         self.passable = np.isfinite(cost) & ((cost < 1.0) | (self.step_cost == "length"))
         self.cost = np.where(self.passable, cost, np.float32(np.inf))
         if self.vehicle and self.vehicle.radius_m:  # as of costs, where its distances are tested
-            sides = {"cell_size_m": self.sides[0], "cell_width_m": self.sides[1]}
-            ground = Ground(self.cost, vehicle=self.vehicle, **sides)
+            ground = Ground(self.cost, None, *self.sides, vehicle=self.vehicle)
             self.cost = Planner(ground, omega=1.0 / 255.0).state.grid.map()
             self.passable = np.isfinite(self.cost)
 
     def by_heights(self):
         """(H, W) what cells cost by their heights."""
-        width = {"cell_width_m": self.sides[1], "warn": False}
-        return traversability_cost(self.dem, self.sides[0], self.limits, **width)
+        size, width = self.sides
+        return traversability_cost(self.dem, size, self.limits, cell_width_m=width, warn=False)
 
     def patch(self):
         """Change a part of the map, which is then to be `read`; the call that tells a planner."""
@@ -170,7 +171,8 @@ class World:
             near = self.near(optimum)
             cost = self.path_cost(plan.walked)
             assert abs(plan.cost - cost) <= self.near(cost), (plan, cost)
-            assert plan.lower_bound - near <= optimum <= cost + near, (plan, optimum)
+            ready = self.ready if plan.source == "standing" else 0.0
+            assert plan.lower_bound - near <= optimum <= cost + ready + near, (plan, optimum)
             most = optimum + near + epsilon * (abs(optimum) + near)
             assert cost <= most, (plan, optimum)
 
@@ -252,6 +254,11 @@ class BodyWorld(World):
 class ArcWorld(BodyWorld):
     """A body that drives arcs, from any heading to any, or from and to given ones."""
 
+    @property
+    def ready(self):
+        """What a change of gears costs, which the body on its path has in already."""
+        return self.vehicle.gear_change_m / self.sides[0]
+
     def headings(self):
         """Of a query by their numbers; None for any."""
         return tuple(self.rng.choice((*range(16), *[None] * 16), 2))
@@ -267,8 +274,7 @@ class ArcWorld(BodyWorld):
 
     def costs_to_arcs(self, start, begin):
         """(H, W, 16, 3) cost of the cheapest path from a cell and heading to each state."""
-        gears = (1, -1) if begin is None and self.vehicle.gear_change_m else (1,)
-        begins = itertools.product(range(16) if begin is None else (begin,), gears)
+        begins = [(begin, 1)] if begin is not None else itertools.product(range(16), (1, -1))
         starts = [(*start, *each) for each in begins]
         return oracles.costs_from(self.graph, (*self.dem.shape, 16, 3), *starts)
 
