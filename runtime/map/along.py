@@ -179,7 +179,7 @@ def places_along(line: Line) -> Line:
 
     A path's cells stay what they are.
     """
-    if len(line) < 2 or np.issubdtype(line.dtype, np.integer):
+    if len(line) < 2 or line.dtype.kind == "i":
         return line.reshape(-1, 2)
     lengths = np.abs(np.diff(line, axis=0)).max(1)
     counts = np.maximum(np.ceil(lengths / _APART), 1.0).astype(np.int64)
@@ -200,7 +200,7 @@ def heights_at(heights: Heights, points: Line) -> Floats:
 
     NaN where a height that counts is unknown; beyond the middles at the rim, the rim's.
     """
-    if np.issubdtype(points.dtype, np.integer):
+    if points.dtype.kind == "i":
         of_cells: Floats = heights[tuple(points.T)].astype(np.float64)
         return of_cells
     low = np.clip(np.floor(points).astype(np.int32), 0, np.array(heights.shape) - 1)

@@ -70,8 +70,8 @@ class CoarseLevel:
         searched.
 
         Directed steps are taken backwards, and have no landmarks. Else searches of a whole level
-        get them, one at a time, once they have expanded several times the cells that this takes: so
-        a map that is searched often is answered faster, and one that changes loses little.
+        get them, one at a time, once they have expanded as many cells as this takes: so a map that
+        is searched often is answered faster, and one that changes loses little.
         """
         if self._version != self.level.version:
             self.landmarks = None
@@ -80,7 +80,7 @@ class CoarseLevel:
         grid = self.grid
         back = grid.robot.price.edges() is not None
         hints = None
-        if region is None and self.landmarks is not None:
+        if region is None and self.landmarks is not None and self._spent < 0.0:
             hints = self.landmarks.towards(goal)
         place = (grid, start, goal, self.workspace, region)
         found = astar(
@@ -104,9 +104,11 @@ class CoarseLevel:
         self.landmarks = self.landmarks or Landmarks(self.grid, self.workspace, self.level.links)
         count = len(self.landmarks.cells)
         self.landmarks.spread(count + 1)
-        # there is no place for more, or no need
-        enough = len(self.landmarks.cells) in (count, LEVEL_LANDMARKS)
-        self._spent = -math.inf if enough else 0.0
+        found = len(self.landmarks.cells)
+        if found in (count, LEVEL_LANDMARKS):
+            self._spent = -math.inf
+        if found == count:  # there is no place for all, and fewer are slower than none
+            self.landmarks = None
 
     def close_dead_ends(self, region: Region, searched: Workspace, shape: Cell) -> bool:
         """Close the links that a search of a region of the map, of this shape, did not get across;

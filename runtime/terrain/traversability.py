@@ -316,11 +316,10 @@ def warn_of_saturation(heights: Float2D, limits: Traversability, sides_m: Sides)
     apart = max(-(-rows // MOST_SAMPLED), 1), max(-(-cols // MOST_SAMPLED), 1)
     terms = _terms(heights, sides_m, apart)
     known = np.count_nonzero(np.isfinite(terms[0]))
-    most = np.array(limits.of_terms("limit"))
-    at_limit = (terms >= most[:, None, None]).sum((1, 2))
+    at_limit = map(np.count_nonzero, map(np.greater_equal, terms, limits.of_terms("limit")))
     full = [
         (term, count / known)
-        for term, count in zip(TERMS, at_limit.tolist(), strict=True)
+        for term, count in zip(TERMS, at_limit, strict=True)
         if 2 * count > known
     ]
     if full:

@@ -119,15 +119,15 @@ def test_a_coarse_weight_is_the_mean_with_walls_as_obstacles():
     assert coarse.weights[coarse.node(1, 30)] == pytest.approx(scale * 0.5)
 
 
-@pytest.mark.parametrize(("side", "wanted_landmarks"), [(256, 4), (12, 3)])
+@pytest.mark.parametrize(("side", "wanted_landmarks"), [(256, 3), (8, None)])
 def test_a_level_that_is_searched_often_gets_landmarks_until_the_map_changes(
     side, wanted_landmarks
 ):
     cost = uniform(4, (side, side)) * 0.9
-    cost[:, 8:] = np.inf if side == 12 else cost[:, 8:]
+    cost[:, 4:] = np.inf if side == 8 else cost[:, 4:]
     state = state_of(cost)
     start = (side - 2, 0)
-    goal = (1, 7 if side == 12 else side - 2)
+    goal = (1, 3 if side == 8 else side - 2)
     searcher = AStarSearcher(state)
     coarse_to_fine = CoarseToFine(state, searcher.workspace)
     coarse_to_fine.update()
@@ -142,8 +142,8 @@ def test_a_level_that_is_searched_often_gets_landmarks_until_the_map_changes(
     wanted = cost_of_corridor()
     for _ in range(40):
         assert cost_of_corridor() == pytest.approx(wanted)
-    assert len(coarse.landmarks.cells) == wanted_landmarks
     before = coarse.landmarks
+    assert (before and len(before.cells)) == wanted_landmarks
     for _ in range(40):
         cost_of_corridor()
     assert coarse.landmarks is before
