@@ -86,8 +86,9 @@ def _guarded(entry: Callable[..., object], error: type[NnppEdgeError]) -> Callab
         found = {}
         for name in named if is_typeddict(entry) else inspect.signature(entry).parameters:
             hint = named.get(name)
-            exact = get_args(hint) if get_origin(hint) in _UNIONS else (hint,)
-            found[name] = (hint, {*exact} - {int})
+            alike = get_args(hint) if get_origin(hint) in _UNIONS else (hint,)
+            exact = {np.ndarray if get_origin(each) is np.ndarray else each for each in alike}
+            found[name] = (hint, exact - {int})
         return found
 
     @functools.wraps(entry)

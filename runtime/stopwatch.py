@@ -48,9 +48,10 @@ class Work:
         """Add the time since the last stage ended to this one, which expanded so many cells."""
         self.expansions += expansions
         now = time.perf_counter()
-        if preparing.seconds > self._prepared_s:
-            self._add("kernels", preparing.seconds - self._prepared_s)
-            self._stage_began += preparing.seconds - self._prepared_s
+        prepared_s = preparing.seconds - self._prepared_s
+        if prepared_s > 0.0:
+            self._add("kernels", prepared_s)
+            self._stage_began += prepared_s
             self._prepared_s = preparing.seconds
         self._add(stage, now - self._stage_began)
         self._stage_began = now

@@ -171,7 +171,7 @@ class World:
             near = self.near(optimum)
             cost = self.path_cost(plan.walked)
             assert abs(plan.cost - cost) <= self.near(cost), (plan, cost)
-            ready = self.ready if plan.source == "standing" else 0.0
+            ready = self.ready * (getattr(plan, "source", None) == "standing")
             assert plan.lower_bound - near <= optimum <= cost + ready + near, (plan, optimum)
             most = optimum + near + epsilon * (abs(optimum) + near)
             assert cost <= most, (plan, optimum)

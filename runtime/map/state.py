@@ -236,7 +236,7 @@ class MapState:
 
         It is told at places `at` (M, 2), by default at `along.places_along` of the line.
         """
-        if self.heights is None or self.sides_m is None:
+        if self.heights is None:
             return None
         from nnpp_edge.runtime.map.along import UNTOLD, Along, places_along
 
@@ -244,14 +244,14 @@ class MapState:
         slope_cost = self._slope_cost
         walker = slope_cost if slope_cost is not None and slope_cost.function else None
         metres = self.heights.metres_at(places)
-        return Along(places, metres, self.sides_m, self._mobility or UNTOLD, walker)
+        return Along(places, metres, self._sides, self._mobility or UNTOLD, walker)
 
     @property
     def reach_cells(self) -> int:
         """From the vehicle's middle to its farthest corner; 0 for a point."""
-        if self.vehicle is None or self.sides_m is None:
+        if self.vehicle is None:
             return 0
-        return math.ceil(self.vehicle.reach_m / min(self.sides_m))
+        return math.ceil(self.vehicle.reach_m / min(self._sides))
 
     @property
     def costs_computed(self) -> float:

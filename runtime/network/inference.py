@@ -44,7 +44,9 @@ class NetworkModel:
         self.path = model_path(model)
         """Of the file."""
         loaded, self.waited = opened(self.path, threads)
-        """Whether the file had to be opened, or was just being opened by another thread."""
+        """Whether the file had to be opened, or was just being opened by another thread, which no
+        query has told of yet.
+        """
         self._bind(loaded)
 
     def __reduce__(self) -> "tuple[Callable[[Path], NetworkModel], tuple[Path]]":

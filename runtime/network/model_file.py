@@ -152,7 +152,7 @@ def list_models() -> list[ModelFile]:
 def _shipped() -> dict[str, Path]:
     """The shipped models' files, by name."""
     folder = Path(str(files("nnpp_edge.models")))
-    return {path.stem: path for path in sorted(folder.glob("*.onnx"))}
+    return dict(sorted((path.stem, path) for path in folder.glob("*.onnx")))
 
 
 def read_model_file(model: str | Path = "edge") -> ModelFile:

@@ -131,15 +131,13 @@ class LearnedRegions:
     ) -> None:
         self._view = MapView(state, model, unseen_change)
         self._finder = RegionFinder(self._view.blocks)
-        self._loading = self._view.network.waited
-        """Whether the first query, whose stage that is, had to wait for the file."""
 
     def prepare(self, level: Level, number: int) -> None:
         """Do now what the first query on this level, the pyramid's of that number, would do before
         it is answered.
         """
-        self._loading = False
         view = self._view
+        view.network.waited = False
         view.lookup_at(level.grid, number)
         view.refresh()
         if view.network.in_parts:
@@ -166,10 +164,10 @@ class LearnedRegions:
         being opened by another thread. OutOfTimeError at the deadline, but that neither loading nor
         running a network can be stopped.
         """
-        if self._loading:
-            self._loading = False
-            stopwatch.stage_ends("load")
         view = self._view
+        if view.network.waited:
+            view.network.waited = False
+            stopwatch.stage_ends("load")
         places = view.show(start, goal, deadline)
         deadline.check()
         stopwatch.stage_ends("encode")

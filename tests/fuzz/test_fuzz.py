@@ -163,8 +163,7 @@ def test_a_command_is_run_on_damaged_files_in_a_folder_of_its_own(place, monkeyp
 
 def faulty(path=((0, 3), (0, 4), (0, 5)), cost=2.0, lower_bound=2.0, ok=True):
     """A plan, straight by default."""
-    facts = {"cost": cost, "lower_bound": lower_bound, "ok": ok}
-    return SimpleNamespace(walked=np.array(path), **facts)
+    return SimpleNamespace(walked=np.array(path), cost=cost, lower_bound=lower_bound, ok=ok)
 
 
 @pytest.mark.parametrize(
