@@ -37,8 +37,6 @@ class World:
 
     layers: ClassVar = {}
     """Numbers beside heights, by name."""
-    ready = 0.0
-    """By how much less than any other a path that stands may cost."""
 
     def __init__(self, rng, layers, sides, limits=None, *, step_cost="paper", vehicle=None):
         self.rng = rng
@@ -171,7 +169,9 @@ class World:
             near = self.near(optimum)
             cost = self.path_cost(plan.walked)
             assert abs(plan.cost - cost) <= self.near(cost), (plan, cost)
-            ready = self.ready * (getattr(plan, "source", None) == "standing")
+            ready = 0.0  # by what a body that is on its path has it cheaper: the gear is in already
+            if getattr(plan, "source", None) == "standing" and self.vehicle:
+                ready = self.vehicle.gear_change_m / self.sides[0]
             assert plan.lower_bound - near <= optimum <= cost + ready + near, (plan, optimum)
             most = optimum + near + epsilon * (abs(optimum) + near)
             assert cost <= most, (plan, optimum)
@@ -253,11 +253,6 @@ class BodyWorld(World):
 
 class ArcWorld(BodyWorld):
     """A body that drives arcs, from any heading to any, or from and to given ones."""
-
-    @property
-    def ready(self):
-        """What a change of gears costs, which the body on its path has in already."""
-        return self.vehicle.gear_change_m / self.sides[0]
 
     def headings(self):
         """Of a query by their numbers; None for any."""

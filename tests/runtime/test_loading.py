@@ -5,6 +5,7 @@ import shutil
 import threading
 import time
 import weakref
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -54,18 +55,14 @@ def loaders():
 
 def test_threads_that_ask_at_once_wait_for_one_session(fresh_model, sessions):
     sessions.seconds = 0.1
-    found = []
     together = threading.Barrier(6)
 
-    def ask():
+    def ask(_):
         together.wait()
-        found.append(NetworkModel(fresh_model))
+        return NetworkModel(fresh_model)
 
-    threads = [threading.Thread(target=ask) for _ in range(6)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    with ThreadPoolExecutor(6) as threads:
+        found = list(threads.map(ask, range(6)))
     assert len(sessions.paths) == 1
     assert len({id(network.session) for network in found}) == 1
     assert all(network.waited for network in found)
@@ -132,21 +129,21 @@ def test_planners_that_name_the_same_file_share_a_session_and_keep_maps_of_their
     ]
     plans = [planner.plan(*ENDS, method="nnpp") for planner in planners]
     plans.append(Planner(COST, model=fresh_model).plan(*ENDS, method="nnpp"))
+    pair = NetworkModel(fresh_model), NetworkModel(fresh_model)
+    begin_loading(pair[0])
+    begin_loading(fresh_model)
+    assert not loaders() and sessions.paths == [fresh_model]
+    assert all(np.array_equal(plan.path, plans[0].path) for plan in plans)
+    NetworkModel(fresh_model, threads=2)
+    assert len(sessions.paths) == 2
     ends = ((5.0, 6.0), (50.0, 40.0))
-    for model in ("edge", fresh_model):
-        one, other = NetworkModel(model), NetworkModel(model)
+    for one, other in (pair, (NetworkModel("edge"), NetworkModel("edge"))):
         for seed, network in enumerate((one, other)):
             network.set_map(uniform(seed, (2, 64, 64)))
         first = one.answer(*ends).copy()
         assert not np.array_equal(first, other.answer(*ends))
-        np.testing.assert_array_equal(first, one.answer(*ends))
+        assert np.array_equal(first, one.answer(*ends))
         assert NetworkModel(one.path).session is one.session is other.session
-    begin_loading(one)
-    begin_loading(fresh_model)
-    assert not loaders() and sessions.paths.count(fresh_model) == 1
-    assert all(np.array_equal(plan.path, plans[0].path) for plan in plans)
-    NetworkModel(fresh_model, threads=2)
-    assert sessions.paths.count(fresh_model) == 2
 
 
 @pytest.mark.parametrize("way", ["in place, its time set back", "another in its place"])
