@@ -261,14 +261,11 @@ class CoarseToFine:
         if top is None:
             top = self.top_for(query)
         coarse = self.coarse_levels[0]
-        # the first region alone is given up for the wider one, which may spare an arc too many
-        above = self._moves.most_above if source is Source.REGION else math.inf
         try:
             for left in reversed(range(self._moves.corridor_tries)):
                 if (inside := self._descend(query, work, top, region, width)) is None:
                     break
-                search = searcher.search(query, work, inside, above)
-                above = math.inf
+                search = searcher.search(query, work, inside)
                 dead_end = search.exhausted if search.refused_f < math.inf else None
                 if (
                     not left

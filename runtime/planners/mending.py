@@ -1,7 +1,5 @@
 """D* Lite, kept from one query to the next: over the whole map, or in regions."""
 
-import math
-
 import numpy as np
 
 from nnpp_edge.runtime.cells import Cell
@@ -36,12 +34,10 @@ class MendingSearcher:
         self._dstar = DStarLite(self._state, goal)
         touch(self._dstar)
 
-    def search(
-        self, query: Query, work: Work, region: Region | None, above: float = math.inf
-    ) -> Search:
+    def search(self, query: Query, work: Work, region: Region | None) -> Search:
         """As `Searcher`; without a region over the whole map."""
         if not serves(self._state.grid):
-            return self._fresh.search(query, work, region, above)
+            return self._fresh.search(query, work, region)
         if self._dstar is None:
             self._dstar = DStarLite(self._state, query.goal, region)
         elif self._dstar.goal != query.goal:

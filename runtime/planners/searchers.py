@@ -1,6 +1,5 @@
 """Searches of the map at full resolution: what the planners are given to look for a path with."""
 
-import math
 from typing import TYPE_CHECKING, Protocol
 
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -20,10 +19,8 @@ if TYPE_CHECKING:
 class Searcher(Protocol):
     """Searches a region of the map at full resolution."""
 
-    def search(self, query: Query, work: Work, region: Region, above: float = math.inf) -> Search:
-        """Look for a path inside the region; expansions and time are added to `work`. `above` as by
-        `Robot.search`.
-        """
+    def search(self, query: Query, work: Work, region: Region) -> Search:
+        """Look for a path inside the region; expansions and time are added to `work`."""
 
 
 class AStarSearcher:
@@ -38,19 +35,14 @@ class AStarSearcher:
         """Since landmarks were set: without any, nothing has to be kept for it."""
 
     def search(
-        self,
-        query: Query,
-        work: Work,
-        region: Region | None,
-        above: float = math.inf,
-        limit: int | None = None,
+        self, query: Query, work: Work, region: Region | None, limit: int | None = None
     ) -> Search:
         """As `Searcher`; without a region the whole map, and after `limit` expansions it gives up
         with TIMEOUT.
         """
         hints = self.landmarks.towards(query.goal) if self.landmarks else None
         robot = self.grid.robot
-        found = robot.moves.search(self.grid, query, self.workspace, region, hints, limit, above)
+        found = robot.moves.search(self.grid, query, self.workspace, region, hints, limit)
         work.stage_ends("search", found.expansions)
         return found
 

@@ -165,8 +165,6 @@ class CellMoves:
     """Coarse levels that are searched, at most."""
     band_up_to = math.inf
     """Cells to the goal up to which a corridor has all of its band."""
-    most_above = math.inf
-    """A corridor is given up for a wider one where its paths cost more times what it promised."""
     near = NEAR
     """Cells to a goal that is looked for on the whole map first."""
     weight_share = 1.0
@@ -213,13 +211,11 @@ class CellMoves:
         region: Region | None,
         hints: Hints | None = None,
         limit: int | None = None,
-        above: float = math.inf,
     ) -> Search:
         """The cheapest path of a query between passable cells, over the whole map or in a region.
 
         `hints` of landmarks spare expansions; after about `limit` expansions it gives up with
-        TIMEOUT, and over a body's states with NO_PATH where paths cost more than `above` times what
-        the region promised.
+        TIMEOUT.
         """
         start, goal, _, deadline, *_ = query
         place = (grid, start, goal, workspace, region)

@@ -43,7 +43,6 @@ from nnpp_edge.runtime.tuning import (
     BODY_BAND_UP_TO,
     BODY_CORRIDOR,
     BODY_WEIGHT,
-    MOST_ABOVE_FIELD,
     MOST_ARC_CORRECTIONS,
     MOST_CORRECTIONS,
     MOST_SWING,
@@ -164,7 +163,6 @@ class BodyMoves(CellMoves):
         region: Region | None,
         hints: Hints | None = None,
         limit: int | None = None,
-        above: float = math.inf,
     ) -> Search:
         """As `Robot.search`; one search from the goal serves all regions of a query, but for
         a short search and where legs cost otherwise one way than the other.
@@ -174,7 +172,7 @@ class BodyMoves(CellMoves):
             from_goal = self._from_goal
             if from_goal is None or from_goal.query is not query:
                 from_goal = self._from_goal = FromGoal(grid, query, workspace.from_goal)
-        return search_states(grid, query, workspace, region, from_goal, limit, above)
+        return search_states(grid, query, workspace, region, from_goal, limit)
 
     def spreading(self, grid: "Grid", workspace: Workspace, links: UInt8) -> Spreading:
         everywhere = np.ones(workspace.states, np.bool_)
@@ -237,7 +235,6 @@ class ArcMoves(BodyMoves):
 
     columns = 3
     near = 0
-    most_above = MOST_ABOVE_FIELD
     corridor_tries = MOST_ARC_CORRECTIONS
     drives_both_ways = False
     corridors = ARC_CORRIDOR, WIDENED_ARC_CORRIDOR

@@ -71,6 +71,7 @@ from nnpp_edge.runtime.tuning import (
     DOUBTED_EVERY,
     LATE_IN_REGION,
     LATE_ON_MAP,
+    MOST_ABOVE_FIELD,
     REOPENED_WITHIN,
     RISEN,
 )
@@ -208,13 +209,13 @@ def search_states(
     region: Region | None,
     from_goal: FromGoal | None,
     limit: int | None = None,
-    above: float = math.inf,
 ) -> Search:
     """The cheapest path over a body's states, as `robots.Robot.search`.
 
     The search `from_goal` goes on meanwhile, as far as that pays; cells of its last metres are
     added to the region. In a region no path costs less than the octile distance, which is all that
-    is known of those that lead out of it.
+    is known of those that lead out of it. A query's first region is given up for a wider one where
+    paths of arcs cost much more than it promised.
     """
     starting, at_goal = _at_ends(query, workspace.states)
     stays = starting & at_goal
@@ -226,7 +227,9 @@ def search_states(
     until = most
     spent = 0
     by_arcs = grid.robot.moves.columns == 3
+    doubted = False
     if from_goal is not None:
+        doubted = by_arcs and region is not None and not from_goal.expansions
         until = LATE_IN_REGION if by_arcs and region is not None else LATE_ON_MAP
         shut_in, spent = from_goal.shut_in(workspace)
         if shut_in is not None:
@@ -250,7 +253,7 @@ def search_states(
     expansions = 0
     while True:
         more = until - expansions
-        if above < math.inf:
+        if doubted:
             more = min(more, DOUBTED_EVERY)
         found = run(*search, onwards, workspace, more, query.deadline)
         code, length, expansions, refused = found
@@ -261,7 +264,8 @@ def search_states(
             path = _traced(grid, workspace, code, length)
             return path._replace(expansions=spent + expansions, refused_f=at_least)
         onwards = ends._replace(start=ON)
-        if workspace.least_open > above * promised and expansions < 2 * LATE_IN_REGION:
+        dearer = workspace.least_open > MOST_ABOVE_FIELD * promised
+        if doubted and dearer and expansions < 2 * LATE_IN_REGION:
             return _no_path(grid, spent + expansions, at_least, None)
         if expansions < until:
             continue
