@@ -102,7 +102,8 @@ class TilesRecord(NamedTuple):
     row_shift: int
     col_shift: int
     """By how many bits a row, and a column, of the level is shifted to give the tile's."""
-    source: Annotated[Packed, TileSource]
+    source: Int64s
+    """A `TileSource` in memory (`kernels.by_address`)."""
     open_tile: int
     """Address of `open_tile`."""
 

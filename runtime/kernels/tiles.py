@@ -9,7 +9,7 @@ import numpy as np
 from numpy import float32, inf, int64, uint64
 
 from nnpp_edge.runtime.compiled.kernel import helper, inlined, kernel
-from nnpp_edge.runtime.kernels.by_address import call_at
+from nnpp_edge.runtime.kernels.by_address import call_at, put_record, reader_like
 from nnpp_edge.runtime.kernels.encoding import (
     add_costs,
     cells_of_part,
@@ -27,15 +27,17 @@ from nnpp_edge.runtime.kernels.pooling import (
 )
 from nnpp_edge.runtime.kernels.records import (
     LEVEL_COLS,
+    LEVEL_COLUMNS,
     LEVEL_FIRST,
     LEVEL_ROWS,
     LEVEL_STRIDE,
     Area,
     LevelRecord,
     Rectangle,
+    TileSource,
     TilesRecord,
 )
-from nnpp_edge.runtime.kernels.traversability import MOST_COST, SCALE, fill_weights
+from nnpp_edge.runtime.kernels.traversability import MOST_COST, RULE_SLOTS, SCALE, fill_weights
 
 COSTED = 1
 SURROUNDED = 2
@@ -48,9 +50,40 @@ BLOCK_UNTOUCHED = 0.0
 BLOCK_UNKNOWN = 1.0
 BLOCK_SEEN = 2.0
 """Of a block: its heights mean nothing; none is known; some may be."""
+_NONE = np.empty(0, np.float32)
+NO_SOURCE = TileSource(
+    heights=_NONE,
+    rule=np.zeros(RULE_SLOTS),
+    weights=_NONE,
+    rows=0,
+    cols=0,
+    row_shift=0,
+    col_shift=0,
+    corner_cutting=False,
+    levels=np.zeros((0, LEVEL_COLUMNS), np.int64),
+    coarse=_NONE,
+    pieces=np.empty(0, np.uint16),
+    links=np.empty(0, np.uint8),
+    costed=np.zeros(1, np.int64),
+    told=_NONE,
+    tells=np.zeros(1, np.bool_),
+    added=_NONE,
+    block_side=0,
+    block_cols=0,
+    block_prices=_NONE,
+    block_states=_NONE,
+)
+"""Of no map."""
+_source_at = reader_like(NO_SOURCE)
 
 
 # Which tiles are there
+
+
+@kernel
+def keep_source(source: TileSource, memory):
+    """Write a source into memory, for `TilesRecord`."""
+    put_record(memory, source)
 
 
 @helper
@@ -84,7 +117,7 @@ def open_tile(tiles: TilesRecord, i, j):
     """Compute what is not yet there of a tile and of those around it, so that its cells may be
     left.
     """
-    source = tiles.source
+    source = _source_at(tiles.source)
     state = tiles.state
     needed = POOLED if tiles.wanted == LINKED else COSTED
     for a in range(max(i - 1, 0), min(i + 2, state.shape[0])):
@@ -124,7 +157,7 @@ def compute_rows(tiles: TilesRecord, row0, row1):
     Rows `row0` to `row1` of the map are those of the tiles. Row of tiles by row of tiles: what is
     read again is near.
     """
-    source = tiles.source
+    source = _source_at(tiles.source)
     down = source.row_shift
     for i in range(row0 >> down, ((row1 - 1) >> down) + 1):
         area = Area(i << down, min((i + 1) << down, row1), int64(0), source.cols)
@@ -138,8 +171,9 @@ def compute_rows(tiles: TilesRecord, row0, row1):
 @kernel
 def link_rows(tiles: TilesRecord, row0, row1):
     """All links of the coarse cells above whole rows of the map."""
-    area = Area(row0, row1, int64(0), tiles.source.cols)
-    _link_levels(tiles.source, area)
+    source = _source_at(tiles.source)
+    area = Area(row0, row1, int64(0), source.cols)
+    _link_levels(source, area)
 
 
 # The levels
@@ -396,7 +430,7 @@ def write_layer(tiles: TilesRecord, layer, rim, patch, seen, row, col, nodes, ol
         counts as other; whether one became cheaper; the `Area` that holds them; how many nodes were
         noted; the `Area` that holds all new values, all 0 without any.
     """
-    source = tiles.source
+    source = _source_at(tiles.source)
     changed = NO_AREA
     cells = 0
     cheaper = False
@@ -453,7 +487,7 @@ def sample_planes(tiles: TilesRecord, window: Rectangle, parts, inner, planes):
     planes : (2, S, S) float32
         Written.
     """
-    source = tiles.source
+    source = _source_at(tiles.source)
     shape = (window.rows, window.cols)
     inner_rows, inner_cols = inner
     scale = source.rule[SCALE]

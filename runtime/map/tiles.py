@@ -31,20 +31,21 @@ from nnpp_edge.runtime.bands import in_bands, stripes
 from nnpp_edge.runtime.cells import Rectangle
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.kernels import records
-from nnpp_edge.runtime.kernels.by_address import address_of
-from nnpp_edge.runtime.kernels.records import LEVEL_COLUMNS, Packed, TileSource
+from nnpp_edge.runtime.kernels.by_address import RECORD_WORDS, address_of
+from nnpp_edge.runtime.kernels.records import Int64s, Packed
 from nnpp_edge.runtime.kernels.tiles import (
     COSTED,
     LINKED,
+    NO_SOURCE,
     POOLED,
     SURROUNDED,
     compute_rows,
+    keep_source,
     link_rows,
     open_tile,
     sample_planes,
     write_layer,
 )
-from nnpp_edge.runtime.kernels.traversability import RULE_SLOTS
 from nnpp_edge.runtime.map.changes import Change
 from nnpp_edge.runtime.memory import mapping_of, release, virtual_zeros
 from nnpp_edge.runtime.tuning import TILE_COLS, TILE_ROWS
@@ -53,36 +54,13 @@ _ROWS_OF_TILES = 4
 """That are in memory at once when a file is read through: cores get a share of them each."""
 _EVERYWHERE = 62
 """Bits by which a row is shifted to the one tile of a map that is there as a whole."""
-_NONE = np.empty(0, np.float32)
-_NO_SOURCE = TileSource(
-    heights=_NONE,
-    rule=np.zeros(RULE_SLOTS),
-    weights=_NONE,
-    rows=0,
-    cols=0,
-    row_shift=0,
-    col_shift=0,
-    corner_cutting=False,
-    levels=np.zeros((0, LEVEL_COLUMNS), np.int64),
-    coarse=_NONE,
-    pieces=np.empty(0, np.uint16),
-    links=np.empty(0, np.uint8),
-    costed=np.zeros(1, np.int64),
-    told=_NONE,
-    tells=np.zeros(1, np.bool_),
-    added=_NONE,
-    block_side=0,
-    block_cols=0,
-    block_prices=_NONE,
-    block_states=_NONE,
-)
 COMPLETE: Packed = tuple(
     records.TilesRecord(
         np.full((1, 1), COSTED | SURROUNDED | POOLED | LINKED, np.uint8),
         SURROUNDED,
         _EVERYWHERE,
         _EVERYWHERE,
-        tuple(_NO_SOURCE),
+        np.zeros(RECORD_WORDS, np.int64),
         0,
     )
 )
@@ -114,7 +92,7 @@ class Tiles:
         high, wide = self._sides = max(TILE_ROWS, coarsest), max(TILE_COLS, coarsest)
         self.state = np.zeros((-(-rows // high), -(-cols // wide)), np.uint8)
         """(I, J) uint8, what has been computed of each tile, as bits."""
-        self._source = _NO_SOURCE._replace(
+        self._source = NO_SOURCE._replace(
             heights=heights.reshape(-1),
             rows=rows,
             cols=cols,
@@ -139,8 +117,14 @@ class Tiles:
         """As kernels take them that look at the level of that number."""
         down, right = (side.bit_length() - 1 - 2 * number for side in self._sides)
         wanted = LINKED if number else SURROUNDED
-        source = tuple(self._source)
-        return tuple(records.TilesRecord(self.state, wanted, down, right, source, _address()))
+        return tuple(records.TilesRecord(self.state, wanted, down, right, self._kept, _address()))
+
+    @functools.cached_property
+    def _kept(self) -> Int64s:
+        """The source, in memory from which kernels read it."""
+        memory = np.empty(RECORD_WORDS, np.int64)
+        keep_source(tuple(self._source), memory)
+        return memory
 
     def add_levels(self, shapes: list[tuple[int, int]]) -> list[tuple[Float32s, UInt16, UInt8]]:
         """Make room for coarse levels of these shapes, finest first: weights, pieces and links of
@@ -159,6 +143,7 @@ class Tiles:
         self._source = self._source._replace(
             levels=np.array(rows_of, np.int64), coarse=weights, pieces=pieces, links=links
         )
+        vars(self).pop("_kept", None)
         parts = [slice(first, first + size) for first, size in zip(firsts, sizes, strict=False)]
         for part, (rows, cols) in zip(parts, shapes, strict=True):
             close_border(weights[part], rows, cols)
@@ -189,6 +174,7 @@ class Tiles:
         passing = copy.copy(self)
         passing.state = np.zeros_like(self.state)
         passing._source = self._source._replace(weights=weights)
+        vars(passing).pop("_kept", None)
         tiles = passing.packed()
         high = self._sides[0]
         linked = 0
