@@ -261,6 +261,7 @@ def _seed(memory, seeds, judge, base, width):
         queue = push(memory, queue, bucket, node)
         visit(memory, node, seeds.costs[n], OPEN_BIT | seeds.onwards[n])
     suspend(memory, queue, inf, 0)
+    memory.reals[BOUND] = inf
 
 
 @inlined
@@ -302,7 +303,10 @@ def _relax_ray(i, j, k, on, g_node, onwards, task, front):
             return front
     visit(task.memory, there, reached, OPEN_BIT | (k & _DIRECTION_MASK))
     if there == task.start:
-        return stop_at(front, float64(reached))
+        # on the whole map all of the last bucket is looked at: what was closed there early may
+        # cost less
+        slack = 0.0 if len(task.between) else 1.0 / front.queue.inverse_width
+        return stop_at(front, reached + slack)
     return wait(task.memory, front, reached + left, there)
 
 
@@ -344,7 +348,7 @@ def fill_field(
     if goal >= 0:
         base = _left_of_cell(goal, judge)
         _seed(memory, seeds, judge, base, rule.width)
-    front = resumed(memory, float64(known(memory, start)))
+    front = resumed(memory, memory.reals[BOUND])
     room = int64(len(memory.entries)) // 2 - len(rays) - 1
     expansions = memory.control[EXPANSIONS]
     last = expansions + limits.most
@@ -390,6 +394,7 @@ def fill_field(
             if reached < known(memory, there):
                 front = _relax_ray(i, j, k, on, g_node, onwards, task, front)
     suspend(memory, front.queue, front.refused, expansions)
+    memory.reals[BOUND] = front.bound
     return code, expansions, front.refused
 
 

@@ -90,6 +90,13 @@ def test_every_method_finds_dijkstras_cost_and_no_bound_is_above_it(name, worlds
     assert found > MAPS
 
 
+def test_the_best_path_is_found_past_a_cell_that_the_field_closed_before_its_cost_was_least():
+    world = ANY_MOTIONS["any arcs"](np.random.default_rng([0, 213]))
+    ends = (24, 20), (27, 31)
+    plan = world.planner().plan(*ends, method="astar")
+    assert plan.cost == pytest.approx(world.optimum(*ends), rel=1e-6)
+
+
 @pytest.mark.parametrize("name", WORLDS)
 def test_on_a_map_that_changes_plans_and_the_standing_path_are_those_of_the_newest_map(
     name, worlds, network
