@@ -261,7 +261,14 @@ def _seed(memory, seeds, judge, base, width):
         queue = push(memory, queue, bucket, node)
         visit(memory, node, seeds.costs[n], OPEN_BIT | seeds.onwards[n])
     suspend(memory, queue, inf, 0)
-    memory.reals[BOUND] = inf
+
+
+@inlined
+def _bound(cost, inverse_width, task):
+    """The f from which on cells are left out, once the start costs so much. On the whole map all of
+    the last bucket is looked at, as a cell that was closed there early may cost less.
+    """
+    return float64(cost) + (0.0 if len(task.between) else 1.0 / inverse_width)
 
 
 @inlined
@@ -303,10 +310,7 @@ def _relax_ray(i, j, k, on, g_node, onwards, task, front):
             return front
     visit(task.memory, there, reached, OPEN_BIT | (k & _DIRECTION_MASK))
     if there == task.start:
-        # on the whole map all of the last bucket is looked at: what was closed there early may
-        # cost less
-        slack = 0.0 if len(task.between) else 1.0 / front.queue.inverse_width
-        return stop_at(front, reached + slack)
+        return stop_at(front, _bound(reached, front.queue.inverse_width, task))
     return wait(task.memory, front, reached + left, there)
 
 
@@ -348,6 +352,7 @@ def fill_field(
     if goal >= 0:
         base = _left_of_cell(goal, judge)
         _seed(memory, seeds, judge, base, rule.width)
+        memory.reals[BOUND] = _bound(known(memory, start), 1.0 / rule.width, task)
     front = resumed(memory, memory.reals[BOUND])
     room = int64(len(memory.entries)) // 2 - len(rays) - 1
     expansions = memory.control[EXPANSIONS]
