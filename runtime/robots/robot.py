@@ -92,8 +92,8 @@ class Stance:
 class Price:
     """What steps and paths cost: here by the weights of a step's ends, see `terrain.step_cost`."""
 
-    metre = 0.0
-    """What a metre of level ground costs beside a cell's price; 0 where cells' weights say."""
+    level_cell = 1.0
+    """What a turn costs that is as dear as a cell's height of level ground."""
 
     def edges(self, backwards: bool = False) -> Edges | None:
         """(nodes, ways) costs of steps, or of those that come to a cell; None where they cost by
@@ -229,8 +229,10 @@ class CellMoves:
         """How its costs spread from a cell to all others."""
         return spreading(grid, links)
 
-    def walk_turns(self, grid: "Grid", path: Cells, first: int, costs: Floats, metre: float) -> int:
-        """As `walk`, where turns alone cost, by what a metre of level ground does."""
+    def walk_turns(
+        self, grid: "Grid", path: Cells, first: int, costs: Floats, level_cell: float
+    ) -> int:
+        """As `walk`, where turns alone cost, see `Price.level_cell`."""
         blocked = Price().walk(grid, path, first, costs)
         costs[first:] = 0.0
         return blocked
@@ -324,15 +326,7 @@ class Robot(NamedTuple):
     @property
     def readiness(self) -> float:
         """By how much a robot on its way may have it cheaper than one that sets out there."""
-        return self.moves.readiness * self._unit
-
-    @property
-    def _unit(self) -> float:
-        """What a cell of turning costs, by the price."""
-        poses = self.moves.poses
-        if poses is None or self.price.edges() is None:
-            return 1.0
-        return poses.sides_m[0] * self.price.metre
+        return self.moves.readiness * self.price.level_cell
 
     @property
     def by_weights(self) -> bool:
@@ -353,7 +347,7 @@ class Robot(NamedTuple):
 
     def at_ends(self, query: Query) -> float:
         """By how much less a path may cost than a search's bound, see `CellMoves.at_ends`."""
-        return self.moves.at_ends(query) * self._unit
+        return self.moves.at_ends(query) * self.price.level_cell
 
     def states(self) -> "States":
         """A body's motions."""

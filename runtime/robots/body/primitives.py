@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from nnpp_edge.runtime.arrays import Float32s, Floats
+from nnpp_edge.runtime.arrays import Float32s
 from nnpp_edge.runtime.cells import Sides
 from nnpp_edge.runtime.kernels.lattice import (
     DIRECTION_COUNT,
@@ -172,20 +172,15 @@ def primitives(vehicle: Vehicle, sides_m: Sides) -> tuple[Prices, float]:
             by_legs = left_over.py_func(abs(bend.down), abs(bend.right), _LEG_LENGTHS)
             shortest = min(shortest, cells / by_legs)
     rays = np.array(legs, _INT), np.array(lengths, _FLOAT)
-    turns = between(turns_m(vehicle, sides_m) / sides_m[0])
+    turns = _turns(vehicle, sides_m)
     return Prices(_FLOAT(0.0), moves, fares, origins, *rays, turns), shortest
 
 
-def turns_m(vehicle: Vehicle, sides_m: Sides) -> Floats:
-    """(8,) metres of level ground as dear as the turn from each direction to the next."""
-    return vehicle.turn_m_per_rad * np.array([turn_rad(k, sides_m) for k in range(AXIS_COUNT)])
-
-
-def between(turns: Floats) -> Float32s:
-    """(16, 16) what the shorter turn from each direction to each other costs, given (8,) of those
-    to the next.
-    """
-    at = np.cumsum(np.concatenate(([0.0], turns, turns)))
+def _turns(vehicle: Vehicle, sides_m: Sides) -> Float32s:
+    """(16, 16) what the shorter turn from each direction to each other costs, in cells."""
+    angles = np.array([turn_rad(k, sides_m) for k in range(AXIS_COUNT)])
+    to_next = vehicle.turn_m_per_rad * angles / sides_m[0]
+    at = np.cumsum(np.concatenate(([0.0], to_next, to_next)))
     apart = np.abs(at[:-1, None] - at[:-1])
     found: Float32s = np.minimum(apart, at[-1] - apart).astype(np.float32)
     return found

@@ -16,7 +16,6 @@ from nnpp_edge.runtime.robots.body import motions
 from nnpp_edge.runtime.robots.body.arcs import direction_near, directions_within
 from nnpp_edge.runtime.robots.body.attitude import PoseCheck, explain
 from nnpp_edge.runtime.robots.body.poses import NO_EDGES, Poses
-from nnpp_edge.runtime.robots.body.primitives import between, turns_m
 from nnpp_edge.runtime.robots.body.refusal import why_blocked, why_ended
 from nnpp_edge.runtime.robots.body.search import (
     FromGoal,
@@ -147,14 +146,14 @@ class BodyMoves(CellMoves):
         edges = price.edges()
         if edges is None:
             return States(self.poses.packed, NO_EDGES, self.poses.prices)
-        return States(self.poses.packed, edges, self._turns_by(price.metre))
+        return States(self.poses.packed, edges, self._turns_by(price.level_cell))
 
-    def _turns_by(self, metre: float) -> Prices:
-        """The prices of its motions, where turns cost by what a metre of level ground does."""
-        fares = self.poses.prices.fares.copy()
-        fares[..., FIXED] *= self.poses.sides_m[0] * metre
-        by_angle = between(turns_m(self.poses.vehicle, self.poses.sides_m) * metre)
-        return self.poses.prices._replace(fares=fares, turns=by_angle)
+    def _turns_by(self, level_cell: float) -> Prices:
+        """The prices of its motions, where turns cost by `Price.level_cell`."""
+        prices = self.poses.prices
+        fares = prices.fares.copy()
+        fares[..., FIXED] *= level_cell
+        return prices._replace(fares=fares, turns=prices.turns * np.float32(level_cell))
 
     def search(
         self,
@@ -180,8 +179,10 @@ class BodyMoves(CellMoves):
         everywhere = np.ones(workspace.states, np.bool_)
         return spreading(grid, workspace, everywhere, ~everywhere)
 
-    def walk_turns(self, grid: "Grid", path: Cells, first: int, costs: Floats, metre: float) -> int:
-        prices = self._turns_by(metre)
+    def walk_turns(
+        self, grid: "Grid", path: Cells, first: int, costs: Floats, level_cell: float
+    ) -> int:
+        prices = self._turns_by(level_cell)
         prices.fares[..., BY_LENGTH] = 0.0
         prices = prices._replace(unit=np.float32(0.0))
         return self.poses.walk(path, first, costs, prices=prices)

@@ -151,7 +151,7 @@ class DirectedPrice(Price):
         self._ground = np.ascontiguousarray(_ground_of(*self._place, (0, 0, rows, cols)))
         """(H, W) how many times as dear a metre is on each cell; (0, 0) where that does not
         count."""
-        self.metre = float(model.cost(1.0, 0.0))
+        self.level_cell = dy * float(model.cost(1.0, 0.0))
         leads = np.array(self._under.moves.ways, np.int64)
         lengths = np.hypot(*(leads * sides_m).T)
         by_weights = self._under.moves.over == CELLS
@@ -201,7 +201,7 @@ class DirectedPrice(Price):
         return self._edges
 
     def walk(self, grid: "Grid", path: Cells, first: int, costs: Floats) -> int:
-        blocked = self._under.moves.walk_turns(grid, path, first, costs, self.metre)
+        blocked = self._under.moves.walk_turns(grid, path, first, costs, self.level_cell)
         cells = path[first:]
         lengths = np.hypot(*(np.diff(cells, axis=0) * self._sides).T)
         with np.errstate(invalid="ignore"):  # wherever steps lead
