@@ -140,7 +140,6 @@ class DirectedPrice(Price):
         model: SlopeCost,
         grid: "Grid",
     ) -> None:
-        self._place = model, heights, sides_m
         self._model = model
         self._heights = heights
         self._sides = sides_m
@@ -148,7 +147,8 @@ class DirectedPrice(Price):
         self.shape = grid.shape
         rows, cols = grid.shape
         dy, dx = sides_m
-        self._ground = np.ascontiguousarray(_ground_of(*self._place, (0, 0, rows, cols)))
+        ground = _ground_of(model, heights, sides_m, (0, 0, rows, cols))
+        self._ground = np.ascontiguousarray(ground)
         """(H, W) how many times as dear a metre is on each cell; (0, 0) where that does not
         count."""
         self.level_cell = dy * float(model.cost(1.0, 0.0))
@@ -157,16 +157,18 @@ class DirectedPrice(Price):
         by_weights = self._under.moves.over == CELLS
         if by_weights:
             grid.complete()
-        self._weights = grid.weights
-        self._ways = Ways(leads, lengths, by_weights, grid.corner_cutting)
+        ways = Ways(leads, lengths, by_weights, grid.corner_cutting)
         kinks, level, gradient = model.table
         gradient = gradient - model.height_price
-        prices = model.least_per_m, model.height_price
-        self._slope_prices = SlopePrices(kinks, level, gradient, *prices)
+        prices = SlopePrices(kinks, level, gradient, model.least_per_m, model.height_price)
+        self._rule = heights, self._ground, grid.weights, tuple(prices), tuple(ways)
+        """As `price_steps` takes them."""
         least = _ROUNDED_DOWN * model.least_per_m
         straight = least * min(dy, dx)
         self._prices = straight, min(least * math.hypot(dy, dx), 2.0 * straight)
-        self._edges: Edges = np.empty(((rows + 2) * (cols + 2), len(lengths)), np.float32)
+        self.padded: Edges = np.empty((rows + 2, cols + 2, len(lengths)), np.float32)
+        """The steps, or a body's legs, by cell (with a border) and direction."""
+        self._edges = self.padded.reshape(-1, len(lengths))
         near = np.array([leads.tolist().index([*step]) for step in WAYS])
         self.finer = FinerSteps(self.padded, near)
         self.obstacle = (_OBSTACLE * model.least_per_m * lengths[near]).astype(np.float32)
@@ -175,13 +177,6 @@ class DirectedPrice(Price):
         self.padded[:: rows + 1] = self.padded[:, :: cols + 1] = np.inf
         self._compute((0, 0, rows, cols))
 
-    @property
-    def padded(self) -> Edges:
-        """(H + 2, W + 2, 8 or 16) the steps, or a body's legs, by cell and direction, within a
-        border.
-        """
-        return self._edges.reshape(self.shape[0] + 2, self.shape[1] + 2, -1)
-
     def follow(self, change: "Change", part: Rectangle, *, heights: bool) -> "Change":
         """Bring the steps up to date after a change of the weights, and of the heights in `part`.
         All that leave the cells there or beside them count as changed.
@@ -189,7 +184,7 @@ class DirectedPrice(Price):
         new = part if heights else (0, 0, 0, 0)
         if len(self._ground) and new[2]:
             new = widened(new, (1, 1), self.shape)
-            self._ground[slices(new)] = _ground_of(*self._place, new)
+            self._ground[slices(new)] = _ground_of(self._model, self._heights, self._sides, new)
         parts = [each for each in (new, change.part) if each[2] and each[3]]
         if not parts:
             return change
@@ -256,13 +251,10 @@ class DirectedPrice(Price):
         """Compute the steps that leave a rectangle's cells, on all cores where that pays."""
         row, col, rows, cols = part
         dearest = [self._greatest]
-        rule = tuple(self._slope_prices), tuple(self._ways)
 
         def price(row0: int, row1: int) -> None:
             area = (row0, row1, col, col + cols)  # `records.Area`
-            map_of = self._heights, self._ground, self._weights
-            priced = price_steps(*map_of, *rule, area, self.padded)
-            dearest.append(float(priced))
+            dearest.append(float(price_steps(*self._rule, area, self.padded)))
 
         in_bands(price, row, row + rows, cols, threads_from=_THREADS_FROM)
         self._greatest = max(dearest)
