@@ -8,7 +8,7 @@ summed up, the paper leaves open; it is decided here.
 
 import math
 import warnings
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -74,7 +74,7 @@ class Traversability:
 
     def soft(self) -> "Traversability":
         """The same without hard limits."""
-        none = {each.name: math.inf for each in fields(self) if each.name.startswith("hard_")}
+        none = {name: math.inf for name in vars(self) if name.startswith("hard_")}
         return replace(self, **none)
 
     def scaled(self, factor: float) -> "Traversability":
@@ -85,12 +85,8 @@ class Traversability:
     @property
     def changed(self) -> dict[str, float]:
         """The values that are not the defaults, by name."""
-        values = asdict(self)
-        return {
-            each.name: values[each.name]
-            for each in fields(self)
-            if values[each.name] != each.default
-        }
+        values = vars(self).items()
+        return {name: value for name, value in values if value != getattr(type(self), name)}
 
     def __post_init__(self) -> None:
         if not 0.0 < self.slope_limit_deg < 90.0:
@@ -194,11 +190,9 @@ def traversability_cost(
     limits = traversability or Traversability()
     sides = sides_of(cell_size_m, cell_width_m)
     rule = limits.rule(*sides)
-    (rows, cols), known, cost = (
-        heights.shape,
-        heights.reshape(-1),
-        np.empty(heights.size, np.float32),
-    )
+    rows, cols = heights.shape
+    known = heights.reshape(-1)
+    cost = np.empty(heights.size, np.float32)
     in_bands(
         lambda top, end: fill_weights(known, rows, cols, rule, (top, end, 0, cols), cost, 0, cols),
         0,

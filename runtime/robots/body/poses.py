@@ -7,6 +7,7 @@ checked. So what a search finds is the optimum over all motions, though it has c
 """
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -100,11 +101,10 @@ class Poses:
         unseen: Float32s | None = None,
         added: Float2D = NOTHING_ADDED,
     ) -> None:
-        self.weights = weights
         self.vehicle = vehicle
-        self.shape = (heights.shape[0], heights.shape[1])
+        rows, cols = heights.shape
+        self.shape = (rows, cols)
         self.sides_m = sides_m
-        rows, cols = self.shape
         dy, dx = sides_m
         down = rows * dy
         across = cols * dx
@@ -114,8 +114,8 @@ class Poses:
                 f"{vehicle.width_m:g} m, got one of {down:g} × {across:g} m"
             )
         self.motions = tables = motions.all_motions(vehicle, sides_m)
-        reach = np.abs(np.concatenate((tables.offsets, tables.fit_offsets))).max(0)
-        self.reach: Cell = (int(reach[0]), int(reach[1]))
+        offsets = np.concatenate((tables.offsets, tables.fit_offsets))
+        self.reach: Cell = tuple(np.abs(offsets).max(0).tolist())
         """Rows and columns from a cell to those that it takes to check its motions."""
         self._margin = max(self.reach) + 1
         width = cols + 2 * self._margin + LANES
@@ -136,15 +136,16 @@ class Poses:
         there are any. Searches come to new pages of it all the time, and huge ones take up to 3 ms
         to be cleared.
         """
-        self._counts = np.zeros(1, np.int64)
+        self.limits = _limits_of(vehicle, weights)
+        """As of `records.PosesRecord`."""
         record = records.PosesRecord(
             codes=self.codes,
             heights=self.heights.reshape(-1),
             added=self._added.reshape(-1),
             tables=tuple(motions.by_offsets(tables, width)),
-            limits=limits_of(vehicle, weights),
+            limits=self.limits,
             scratch=np.zeros(max(tables.gradients.shape[1], 1) * LANES, np.float32),
-            counts=self._counts,
+            counts=np.zeros(1, np.int64),
             rows=rows,
             cols=cols,
             width=width,
@@ -180,7 +181,7 @@ class Poses:
     @property
     def checked(self) -> int:
         """Poses checked so far; one that was forgotten and checked again counts twice."""
-        return int(self._counts[0])
+        return int(self._record.counts[0])
 
     def _put(self, row: int, col: int, heights: Float2D, shut: Bool | None, added: Float2D) -> None:
         if np.isnan(self._base):
@@ -224,7 +225,7 @@ class Poses:
         """Check all motions that are not checked yet."""
         check_all(self.packed)
 
-    def standing(self, rows: range | None = None) -> UInt16:
+    def standing(self, rows: Sequence[int] | None = None) -> UInt16:
         """(8, H, W) codes of the body standing on each cell in each direction, or of those of some
         rows.
         """
@@ -237,7 +238,7 @@ class Poses:
     def stands_at(self, cell: Cell) -> bool:
         """Whether the body may stand on a cell of the map in one direction at least."""
         row, col = cell
-        codes = self.standing(range(row, row + 1))[:, 0, col]
+        codes = self.standing([row])[:, 0, col]
         return bool((codes < FAILS).any())
 
     def walk(
@@ -367,7 +368,7 @@ def _rated(codes: UInt16, kind: type[Float]) -> NDArray[Float]:
     return np.where(codes < FAILS, rated, kind(np.inf))
 
 
-def limits_of(vehicle: Vehicle, weights: tuple[float, float, float]) -> Float32s:
+def _limits_of(vehicle: Vehicle, weights: tuple[float, float, float]) -> Float32s:
     """Of a vehicle, as the check takes them."""
     *angles, step_m, rise_m = vehicle.allowances
     tilt, pitch, roll = map(math.radians, angles)

@@ -39,7 +39,7 @@ def refusals(codes: UInt16) -> UInt8:
 
 def why_blocked(poses: Poses, cell: Cell) -> str:
     """By which limit the body is refused on a cell where it stands in no direction."""
-    codes = poses.standing(range(cell[0], cell[0] + 1))[:, :, cell[1]]
+    codes = poses.standing([cell[0]])[:, :, cell[1]]
     limit = int(refusals(codes[..., None])[0, 0]) - 1
     axes = np.nonzero(codes[:, 0] == FAILS + limit)[0].tolist()
     least = min(greatest(poses, cell, poses.codes.shape[1] + axis)[limit] for axis in axes)
@@ -103,7 +103,7 @@ def _refused(poses: Poses, limit: int, value: float, form: str) -> str:
     if limit == UNKNOWN:
         return _WORDS[limit]
     key = _KEYS[limit]
-    unit = "°" if _KEYS[limit].endswith("deg") else " m"
+    unit = "°" if key.endswith("deg") else " m"
     if getattr(poses.vehicle, key) is None:
         key = "max_tilt_deg" if unit == "°" else "clearance_m"
     told = _WORDS[limit].format(form.format(f"{value:.4g}{unit}"))
