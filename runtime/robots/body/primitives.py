@@ -188,32 +188,27 @@ def _turns(vehicle: Vehicle, sides_m: Sides) -> Float32s:
 
 def _ways(vehicle: Vehicle, sides_m: Sides) -> Iterator[tuple[int, int, Move, float, int]]:
     """Direction, kind, primitive, its cells, and gear (0 on the spot)."""
-    gears = (1,) if vehicle.reverse_cost is None else (1, -1)
+    radius = vehicle.turning_radius_m
     for k in range(DIRECTION_COUNT):
         before = (k - 1) % DIRECTION_COUNT
         after = (k + 1) % DIRECTION_COUNT
-        for gear in gears if vehicle.turning_radius_m is not None else (1,):
-            way = k if gear > 0 else (k + AXIS_COUNT) % DIRECTION_COUNT
-            kind = LEG if gear > 0 else _BACKWARD_LEG
-            yield k, kind, _leg(way, k), math.hypot(LEG_ROWS[k], LEG_COLS[k]), gear
         if vehicle.can_turn_on_spot:
             left_turn = Move(0, 0, after, TURNS + k % AXIS_COUNT, False)
             right_turn = Move(0, 0, before, TURNS + before % AXIS_COUNT, False)
             yield k, LEFT_TURN, left_turn, 0.0, 0
             yield k, LEFT_TURN + 1, right_turn, 0.0, 0
-        if (radius := vehicle.turning_radius_m) is None:
-            continue
-        for gear in gears:
-            # from its beginning to the left, and from its end, the other way round, to the right
+        for gear in (1,) if vehicle.reverse_cost is None else (1, -1):
             ahead = k if gear > 0 else (k + AXIS_COUNT) % DIRECTION_COUNT
-            left = ahead
+            kind = LEG if gear > 0 else _BACKWARD_LEG
+            yield k, kind, _leg(ahead, k), math.hypot(LEG_ROWS[k], LEG_COLS[k]), gear
+            if radius is None:
+                continue
+            # from its beginning to the left, and from its end, the other way round, to the right
             right = (ahead - 1 + AXIS_COUNT) % DIRECTION_COUNT
-            arcs = ((left, 1, False, _LEFT_ARC), (right, -1, True, _RIGHT_ARC))
-            for arc, to, there, kind in arcs:
+            for arc, to, kind in ((ahead, 1, _LEFT_ARC), (right, -1, _RIGHT_ARC)):
                 bend = curve(arc, sides_m, radius)
-                sign = -1 if there else 1
-                after = (k + to) % DIRECTION_COUNT
-                move = Move(sign * bend.down, sign * bend.right, after, ARCS + arc, there)
+                turned = (k + to) % DIRECTION_COUNT
+                move = Move(to * bend.down, to * bend.right, turned, ARCS + arc, to < 0)
                 kind = kind if gear > 0 else kind + _BACKWARDS_ON
                 yield k, kind, move, bend.length_m / min(sides_m), gear
 
