@@ -70,8 +70,8 @@ class Arc:
 
 
 def heading_deg(direction: int, sides_m: Sides) -> float:
-    """Of one of the sixteen directions, degrees clockwise from grid north."""
-    return (180.0 - math.degrees(heading_rad(direction % DIRECTION_COUNT, sides_m))) % 360.0
+    """Of one of the sixteen directions, or of a state, degrees clockwise from grid north."""
+    return (180.0 - math.degrees(heading_rad(direction, sides_m))) % 360.0
 
 
 def direction_near(heading: float, sides_m: Sides) -> int:
@@ -93,8 +93,7 @@ def arcs_along(states: Int32, vehicle: Vehicle, sides_m: Sides) -> tuple[Arc, ..
     found: list[Arc] = []
     for before, after in pairwise(states.tolist()):
         row, col, state = before
-        direction = state % DIRECTION_COUNT
-        pose = col * sides_m[1], row * sides_m[0], heading_deg(direction, sides_m)
+        pose = col * sides_m[1], row * sides_m[0], heading_deg(state, sides_m)
         for gear, curvature, length, turned in _pieces(before, after, vehicle, sides_m):
             arc = Arc(gear, curvature, length, pose, turned)
             pose = arc.at(1.0)

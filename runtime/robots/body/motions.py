@@ -131,7 +131,9 @@ def motions_of(vehicle: Vehicle, sides_m: Sides, motions: list[list[MotionPose]]
     fit: Floats = np.linalg.pinv(np.column_stack((np.ones(len(wheels)), wheels)))
     poses = np.concatenate([np.reshape(each, (-1, len(MotionPose._fields))) for each in motions])
     offsets = poses[:, :2]
-    headings = poses[:, 2:4]
+    down, right = poses[:, 2:4].T
+    # (P, 2, 2) what a metre ahead, and one to the left, lead down and right; rows go down
+    frames = np.stack((down, right, -right, down), 1).reshape(-1, 2, 2)
     sweep, turn = poses[:, 4:].T
     snapped = math.inf if vehicle.unknown_passes else SNAPPED * vehicle.length_m
 
@@ -145,7 +147,7 @@ def motions_of(vehicle: Vehicle, sides_m: Sides, motions: list[list[MotionPose]]
     under = []
     for middle, half in (*((wheel, contact) for wheel in wheels), (np.zeros(2), body)):
         areas = half + swept(np.abs(middle) + half)
-        under.append(_samples(middle, areas, headings, offsets, sides_m, snapped))
+        under.append(_samples(middle, areas, frames, offsets, sides_m, snapped))
     groups: list[GroundSamples] = []
     groups_of = [0]
     raised: list[list[int]] = []
@@ -166,8 +168,8 @@ def motions_of(vehicle: Vehicle, sides_m: Sides, motions: list[list[MotionPose]]
     cells = np.concatenate([group.cells for group in groups])
     places = np.concatenate([group.places for group in groups]).astype(np.float32)
     fitted = [
-        _fit_cells(wheels, fit, heading, offset, sides_m)
-        for heading, offset in zip(headings, offsets, strict=True)
+        _fit_cells(wheels @ frame / sides_m + offset, fit)
+        for frame, offset in zip(frames, offsets, strict=True)
     ]
     fit_cells = np.concatenate(fitted)
     absolute = np.abs(fit)
@@ -217,13 +219,11 @@ class GroundSamples(NamedTuple):
         return GroundSamples(self.places[chosen], self.counts[chosen], cells)
 
 
-def _fit_cells(
-    wheels: Floats, fit: Floats, heading: Floats, offset: Floats, sides: Sides
-) -> Floats:
-    """(D, 4) row and column of the cells under the wheels' middles, and what each adds to the
-    plane's slopes.
+def _fit_cells(middles: Floats, fit: Floats) -> Floats:
+    """(D, 4) row and column of the cells under the wheels' middles (W, 2), and what each adds to
+    the plane's slopes.
     """
-    counts, cells = _cells_of(wheels @ _frame(heading) / sides + offset)
+    counts, cells = _cells_of(middles)
     shares = cells[:, 2:] * np.repeat(fit[1:].T, counts, axis=0)
     found, at = np.unique(cells[:, :2], axis=0, return_inverse=True)
     total = np.zeros((len(found), 2))
@@ -231,26 +231,20 @@ def _fit_cells(
     return np.column_stack((found, total))
 
 
-def _frame(heading: Floats) -> Floats:
-    """(2, 2) of a heading: what a metre ahead, and one to the left, lead down and right."""
-    return np.array((heading, (-heading[1], heading[0])))  # rows go down
-
-
 def _samples(
     middle: Floats,
     areas: Floats,
-    headings: Floats,
+    frames: Floats,
     offsets: Floats,
     sides: Sides,
     snapped: float,
 ) -> list[GroundSamples]:
-    """Samples of rectangles about the same `middle` (ahead, left) of bodies with headings (N, 2) at
-    offsets (N, 2).
+    """Samples of rectangles about the same `middle` (ahead, left) of bodies with frames (N, 2, 2)
+    at offsets (N, 2).
 
     Rectangles reach `areas` (N, 2) metres ahead and to the left of their middles, and as far back
     and to the right. Their boxes are widened to lines of middles nearer than `snapped` metres.
     """
-    frames = np.array([_frame(heading) for heading in headings])
     signs = np.array(((-1, -1), (-1, 1), (1, 1), (1, -1)))
     ends = middle + signs * areas[:, None]  # (N, 4, 2) ahead, left
     corners = ends @ frames / sides + offsets[:, None]

@@ -135,7 +135,6 @@ def primitives(vehicle: Vehicle, sides_m: Sides) -> tuple[Prices, float]:
     """
     geared = vehicle.gear_change_m > 0.0 and vehicle.reverse_cost is not None
     gears = (FORWARDS, BACKWARDS) if geared else (FORWARDS,)
-    unit = min(sides_m)
     # a column for each kind and each gear before it, at first
     shape = len(gears) * DIRECTION_COUNT, _KINDS * len(gears)
     moves = np.full((*shape, MOVE_COLUMNS), -1, _INT)
@@ -165,7 +164,7 @@ def primitives(vehicle: Vehicle, sides_m: Sides) -> tuple[Prices, float]:
     if vehicle.turning_radius_m is not None:
         for k in range(DIRECTION_COUNT):
             bend = curve(k, sides_m, vehicle.turning_radius_m)
-            cells = bend.length_m / unit
+            cells = bend.length_m / min(sides_m)
             legs.append(Move(bend.down, bend.right, k, ARCS + k, False))
             legs.append(Move(-bend.down, -bend.right, k, ARCS + k, True))
             lengths += [cells, cells]
