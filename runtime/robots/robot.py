@@ -75,9 +75,7 @@ class Stance:
                 grid.tiles.open_at(*cell)
         return [math.isfinite(grid.weights[grid.node(*cell)]) for cell in cells]
 
-    def touched(
-        self, change: "Change", part: Rectangle, state: "MapState", *, heights: bool
-    ) -> "Change":
+    def touched(self, change: "Change", part: Rectangle, state: "MapState") -> "Change":
         """The change with all cells where it may stand or go otherwise than before."""
         return change
 
@@ -320,7 +318,7 @@ class Robot(NamedTuple):
 
         `part` is where new heights, or else costs, were put; empty where none were new.
         """
-        change = self.stance.touched(change, part, state, heights=heights)
+        change = self.stance.touched(change, part, state)
         return self.price.follow(change, part, heights=heights)
 
     @property

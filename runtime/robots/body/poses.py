@@ -60,7 +60,8 @@ from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
 NO_EDGES = np.empty((0, 2 * AXIS_COUNT), np.float32)
 """Of legs that cost by what they are checked to be."""
-NOTHING_ADDED = np.empty((0, 0), np.float32)
+NOTHING = np.empty((0, 0), np.float32)
+"""Of a map without such numbers."""
 _SAFE = 1.0 - 1e-5
 """Share of a limit that is used: what rounding to float32 may add."""
 
@@ -83,9 +84,9 @@ class Poses:
         Weight of T = 1.
     shut : (H, W) bool
         Cells that no part of the body may be above, whatever their heights; by default none.
-    unseen : (2, I, J) float32
-        Prices of blocks, see `map.tiles.Tiles`: motions that would be over unknown cells cost by
-        these.
+    unseen : (I, J) float32
+        Prices of blocks, see `map.unseen.Unseen`, of which later ones count too: motions that would
+        be over unknown cells cost by these.
     added : (H, W) float32
         What layers add to T.
     """
@@ -98,8 +99,8 @@ class Poses:
         weights: tuple[float, float, float],
         scale: float,
         shut: Bool | None = None,
-        unseen: Float32s | None = None,
-        added: Float2D = NOTHING_ADDED,
+        unseen: Float2D = NOTHING,
+        added: Float2D = NOTHING,
     ) -> None:
         self.vehicle = vehicle
         rows, cols = heights.shape
@@ -121,10 +122,8 @@ class Poses:
         width = cols + 2 * self._margin + LANES
         self._base = np.float32(np.nan)
         """The first height that was known, to which all are relative; NaN before."""
-        self._unknown = np.float32(
-            np.nan if vehicle.unknown_passes or unseen is not None else np.inf
-        )
-        beyond = self._unknown if unseen is None else np.inf
+        self._unknown = np.float32(np.nan if vehicle.unknown_passes or unseen.size else np.inf)
+        beyond = np.inf if unseen.size else self._unknown
         self.heights = np.full((rows + 2 * self._margin, width), beyond, np.float32)
         """Within a margin of `margin` unknown cells, and more to the right; relative to `_base`."""
         self._added = np.zeros(self.heights.shape if added.size else (0, 0), np.float32)
@@ -150,8 +149,8 @@ class Poses:
             cols=cols,
             width=width,
             margin=self._margin,
-            block_side=0 if unseen is None else cols // unseen.shape[2],
-            block_prices=np.empty(0, np.float32) if unseen is None else unseen[0].reshape(-1),
+            block_side=cols // unseen.shape[1] if unseen.size else 0,
+            block_prices=unseen.reshape(-1),
             check_run=0,
         )
         address = address_of(check_run, tuple(record), 0, 0, 0)  # type: ignore[no-untyped-call]  # as all of `kernels`
@@ -203,7 +202,7 @@ class Poses:
         col: int,
         heights: Float2D,
         shut: Bool | None = None,
-        added: Float2D = NOTHING_ADDED,
+        added: Float2D = NOTHING,
     ) -> Rectangle:
         """Put heights into the map, (h, w) float32 that lie inside it, and forget the motions that
         they touch.

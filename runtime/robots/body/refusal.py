@@ -84,8 +84,7 @@ def why_ended(poses: Poses, reached: Bool, end: Cell, *, by_legs: bool, from_goa
     if not len(found):
         return told
     limit = int(np.bincount(found).argmax())
-    places = np.argwhere(refused == limit)
-    places += np.array((top, left, 0))
+    places = np.argwhere(refused == limit) + np.array((top, left, 0))
     nearest = np.abs(places[:, :2] - closest).max(1).argmin()
     i, j, axis = places[nearest].tolist()
     down, right = motions.AXIS_LEGS[axis]

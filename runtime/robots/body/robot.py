@@ -15,7 +15,7 @@ from nnpp_edge.runtime.options import STATES
 from nnpp_edge.runtime.robots.body import motions
 from nnpp_edge.runtime.robots.body.arcs import direction_near, directions_within
 from nnpp_edge.runtime.robots.body.attitude import PoseCheck, explain
-from nnpp_edge.runtime.robots.body.poses import NO_EDGES, Poses
+from nnpp_edge.runtime.robots.body.poses import NO_EDGES, NOTHING, Poses
 from nnpp_edge.runtime.robots.body.refusal import why_blocked, why_ended
 from nnpp_edge.runtime.robots.body.search import (
     FromGoal,
@@ -73,9 +73,7 @@ class BodyStance(Stance):
     def stands_at(self, grid: "Grid", *cells: Cell) -> list[bool]:
         return [self.poses.stands_at(cell) for cell in cells]
 
-    def touched(
-        self, change: "Change", part: Rectangle, state: "MapState", *, heights: bool
-    ) -> "Change":
+    def touched(self, change: "Change", part: Rectangle, state: "MapState") -> "Change":
         if not part[2]:
             return change
         ground = state.heights
@@ -271,7 +269,7 @@ def body_on(state: "MapState", vehicle: Vehicle, sides_m: Sides) -> Robot:
     heights = state.heights
     assert heights is not None
     whole = (0, 0, *state.shape)
-    blocks = None if heights.unseen is None else heights.unseen.layers
+    blocks = NOTHING if heights.unseen is None else heights.unseen.layers[0]
     place = (sides_m, vehicle, heights.limits.body_weights, state.grid.model.scale)
     poses = Poses(heights.known(whole), *place, heights.shut(whole), blocks, heights.added(whole))
     moves = BodyMoves if vehicle.turning_radius_m is None else ArcMoves
