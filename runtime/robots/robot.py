@@ -155,7 +155,7 @@ class CellMoves:
     """What a search goes over, by which methods are refused: see `options.METHODS`."""
     corridors = CORRIDOR, WIDENED_CORRIDOR
     """Widths of the corridor in which a path is looked for first, and of the next."""
-    corridors_to_heading = CORRIDOR, WIDENED_CORRIDOR
+    corridors_to_heading = corridors
     """Those to a goal with a heading."""
     corridor_tries = 1
     """How often coarse levels are searched, each time without the links that led nowhere."""

@@ -4,7 +4,7 @@ along them.
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
 from typing import NamedTuple
@@ -100,8 +100,8 @@ def arcs_along(states: Int32, vehicle: Vehicle, sides_m: Sides) -> tuple[Arc, ..
             last = found[-1] if found else arc
             alike = (last.gear, last.curvature_per_m) == (gear, curvature)
             if last is not arc and alike and (gear or last.turn_deg * turned > 0):
-                whole = last.length_m + length, last.start_pose, last.turn_deg + turned
-                found[-1] = Arc(gear, curvature, *whole)
+                whole = last.length_m + length
+                found[-1] = replace(last, length_m=whole, turn_deg=last.turn_deg + turned)
             else:
                 found.append(arc)
     return tuple(found)

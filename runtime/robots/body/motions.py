@@ -38,6 +38,8 @@ SNAPPED = 0.02
 the body's length: where cells are small beside the body, nearly all samples are cells, which are
 read faster than means of four."""
 _ROUNDING = 1e-9
+_CORNERS = np.array(((-1, -1), (-1, 1), (1, 1), (1, -1)))
+"""(ahead, left) of a rectangle about a middle, in times of its half sides."""
 
 
 class MotionPose(NamedTuple):
@@ -166,23 +168,23 @@ def motions_of(vehicle: Vehicle, sides_m: Sides, motions: list[list[MotionPose]]
     samples = np.column_stack((begins, ends))
     cells_in = np.cumsum([0, *(sizes @ (4, 2, 1))])
     cells = np.concatenate([group.cells for group in groups])
-    places = np.concatenate([group.places for group in groups]).astype(np.float32)
+    places = np.concatenate([group.places for group in groups])
+    ahead, left = places.T.astype(np.float32, "C")
     fitted = [
         _fit_cells(wheels @ frame / sides_m + offset, fit)
         for frame, offset in zip(frames, offsets, strict=True)
     ]
     fit_cells = np.concatenate(fitted)
     absolute = np.abs(fit)
-    (length, width) = body
-    corners = np.array([(1.0, x, y) for x in (-length, length) for y in (-width, width)])
+    corners = np.column_stack((np.ones(4), _CORNERS * body))
     outermost = np.abs(corners @ fit).sum(1).max()
     by_slope = np.outer((absolute[1].sum(), absolute[2].sum(), outermost), contact).reshape(-1)
     return PoseTables(
         poses_of=np.cumsum([0, *map(len, motions)]),
         groups_of=np.array(groups_of),
         groups=np.column_stack((np.pad(samples, ((0, 1), (0, 0))), cells_in)),
-        ahead=places[:, 0].copy(),
-        left=places[:, 1].copy(),
+        ahead=ahead,
+        left=left,
         offsets=cells[:, :2].astype(np.int64),
         shares=cells[:, 2].astype(np.float32),
         fit_of=np.cumsum([0, *map(len, fitted)]),
@@ -245,12 +247,11 @@ def _samples(
     Rectangles reach `areas` (N, 2) metres ahead and to the left of their middles, and as far back
     and to the right. Their boxes are widened to lines of middles nearer than `snapped` metres.
     """
-    signs = np.array(((-1, -1), (-1, 1), (1, 1), (1, -1)))
-    ends = middle + signs * areas[:, None]  # (N, 4, 2) ahead, left
+    ends = middle + _CORNERS * areas[:, None]  # (N, 4, 2) ahead, left
     corners = ends @ frames / sides + offsets[:, None]
     columns = _extents(corners)
     rows = _extents(corners[..., ::-1])
-    near = snapped / np.array(sides) + _ROUNDING
+    near = (snapped / np.array(sides) + _ROUNDING)[:, None, None]
     found = []
     for n, frame in enumerate(frames):
         points = _corners_of(columns[n], rows[n], near)
@@ -268,8 +269,8 @@ def _extents(corners: Floats) -> list[Floats]:
     """
     first = np.floor(corners[..., 1].min(1) + _ROUNDING)
     last = np.ceil(corners[..., 1].max(1) - _ROUNDING)
-    count = int((last - first).max())
-    lines = first[:, None] + np.arange(count + 1)  # (N, K + 1)
+    counts = (last - first).astype(int)
+    lines = first[:, None] + np.arange(counts.max() + 1)  # (N, K + 1)
     x = corners[:, None, :, 0]  # (N, 1, 4)
     y = corners[:, None, :, 1]
     along_x = np.roll(x, -1, axis=2) - x
@@ -287,7 +288,6 @@ def _extents(corners: Floats) -> list[Floats]:
     met = np.concatenate((on_lines[:, :-1], on_lines[:, 1:], within), 2)
     extents = np.fmin.reduce(met, 2), np.fmax.reduce(met, 2)
     found = np.stack((lines[:, :-1], *extents), 2)
-    counts = (last - first).astype(int)
     return [each[:strips] for each, strips in zip(found, counts, strict=True)]
 
 
@@ -296,8 +296,8 @@ def _corners_of(columns: Floats, rows: Floats, near: Floats) -> Floats:
     last those on one line through middles, and on two.
 
     `columns` are the strips of columns with their extents of rows, `rows` likewise (`_extents`). A
-    part's extent is that of the strip, cut off at the square. Of the corners on one line between
-    two middles the outer ones stay.
+    part's extent is that of the strip, cut off at the square, and widened to lines nearer than
+    `near` (2, 1, 1) cells. Of the corners on one line between two middles the outer ones stay.
     """
     # by axis of the square, (2, rows, columns)
     begin = np.stack(np.broadcast_arrays(rows[:, None, 0], columns[:, 0]))
@@ -307,8 +307,8 @@ def _corners_of(columns: Floats, rows: Floats, near: Floats) -> Floats:
     low = np.maximum(least, begin)
     high = np.minimum(most, end)
     there = (high - low > _ROUNDING).all(0)
-    low = np.where(low - begin <= near[:, None, None], begin, low)
-    high = np.where(end - high <= near[:, None, None], end, high)
+    low = np.where(low - begin <= near, begin, low)
+    high = np.where(end - high <= near, end, high)
     lines = itertools.product((low[0], high[0]), (low[1], high[1]))
     corners = [np.stack((down[there], across[there]), 1) for down, across in lines]
     points = np.unique(np.round(np.concatenate(corners), 9), axis=0)
@@ -317,9 +317,10 @@ def _corners_of(columns: Floats, rows: Floats, near: Floats) -> Floats:
     middles = set(map(tuple, points[whole.all(1)].tolist()))
     kept = whole.all(1) | ~whole.any(1)
     for axis in (0, 1):
-        # along each line between two middles the outer points, unless the middle there is one
+        # along each line between two middles the outer points, unless the middle there is one;
+        # points are sorted by row and column
         on = np.flatnonzero(whole[:, axis] & ~whole[:, 1 - axis])
-        on = on[np.lexsort((points[on, 1 - axis], points[on, axis]))]
+        on = on[np.argsort(points[on, axis], kind="stable")]
         begins = np.diff(cell[on], axis=0, prepend=np.nan).any(1)
         ends = np.append(begins, True)[1:]
         for outer, step in ((begins, 0.0), (ends, 1.0)):

@@ -39,9 +39,9 @@ def refusals(codes: UInt16) -> UInt8:
 
 def why_blocked(poses: Poses, cell: Cell) -> str:
     """By which limit the body is refused on a cell where it stands in no direction."""
-    codes = poses.standing([cell[0]])[:, :, cell[1]]
-    limit = int(refusals(codes[..., None])[0, 0]) - 1
-    axes = np.nonzero(codes[:, 0] == FAILS + limit)[0].tolist()
+    codes = poses.standing([cell[0]])[:, 0, cell[1]]
+    limit = int(np.bincount(codes - FAILS).argmax())
+    axes = np.flatnonzero(codes == FAILS + limit).tolist()
     least = min(greatest(poses, cell, poses.codes.shape[1] + axis)[limit] for axis in axes)
     headings = "any heading" if len(axes) == AXIS_COUNT else f"{len(axes)} of {AXIS_COUNT} headings"
     return f"in {headings} {_refused(poses, limit, least, '{} or more')}"

@@ -185,7 +185,7 @@ class DirectedPrice(Price):
         if len(self._ground) and new[2]:
             new = widened(new, (1, 1), self.shape)
             self._ground[slices(new)] = _ground_of(self._model, self._heights, self._sides, new)
-        parts = [each for each in (new, change.part) if each[2] and each[3]]
+        parts = [each for each in (new, change.part) if each[2]]
         if not parts:
             return change
         around = widened(enclosing(parts), (1, 1), self.shape)
