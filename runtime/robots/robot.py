@@ -219,9 +219,16 @@ class CellMoves:
         TIMEOUT, and over a body's states with NO_PATH where paths cost more than `above` times what
         the region promised.
         """
-        start, goal, _, deadline, *_ = query
-        place = (grid, start, goal, workspace, region)
-        return astar(*place, hints=hints, limit=limit, deadline=deadline)
+        return astar(
+            grid,
+            query.start,
+            query.goal,
+            workspace,
+            region,
+            hints=hints,
+            limit=limit,
+            deadline=query.deadline,
+        )
 
     def spreading(self, grid: "Grid", workspace: Workspace, links: UInt8) -> Spreading:
         """How its costs spread from a cell to all others."""

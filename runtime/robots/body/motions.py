@@ -64,8 +64,10 @@ def leg_poses(direction: int, sides_m: Sides, length_m: float) -> list[MotionPos
     count = _poses_in(metres, sides_m, length_m)
     shares = ((2 * k + 1) / (2 * count) for k in range(count))
     sweep_m = metres / (2 * count)
-    heading = (down / metres, right / metres)
-    return [MotionPose(share * row, share * col, *heading, sweep_m) for share in shares]
+    return [
+        MotionPose(share * row, share * col, down / metres, right / metres, sweep_m)
+        for share in shares
+    ]
 
 
 def _poses_in(metres: float, sides_m: Sides, length_m: float) -> int:
@@ -96,9 +98,10 @@ def arc_poses(direction: int, sides_m: Sides, radius_m: float, length_m: float) 
         ahead, left, turned = bend.at(at)
         row = (down * ahead - right * left) / sides_m[0]
         col = (right * ahead + down * left) / sides_m[1]
-        heading = (math.cos(first + turned), math.sin(first + turned))
+        heading = first + turned
         bent = bend.before_m < at + half and at - half < bend.length_m - bend.after_m
-        poses.append(MotionPose(row, col, *heading, half, half / bend.radius_m if bent else 0.0))
+        turn = half / bend.radius_m if bent else 0.0
+        poses.append(MotionPose(row, col, math.cos(heading), math.sin(heading), half, turn))
     return poses
 
 

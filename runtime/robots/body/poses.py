@@ -161,7 +161,7 @@ class Poses:
         """No curve is shorter than so many times the way by legs."""
         self.prices = prices._replace(unit=np.float32(2.0 * scale / MOST_CODE))
         """Of the vehicle's motions, in cells of level ground."""
-        self._put(0, 0, heights, shut, added)
+        self._put((0, 0, rows, cols), heights, shut, added)
 
     def figures(self, cell: Cell, motion: int, other: PoseTables | None = None) -> Floats:
         """(P, 7) of the poses of a motion from a cell, or of one of other motions: bounds of slope,
@@ -182,12 +182,12 @@ class Poses:
         """Poses checked so far; one that was forgotten and checked again counts twice."""
         return int(self._record.counts[0])
 
-    def _put(self, row: int, col: int, heights: Float2D, shut: Bool | None, added: Float2D) -> None:
+    def _put(self, part: Rectangle, heights: Float2D, shut: Bool | None, added: Float2D) -> None:
         if np.isnan(self._base):
             known = (height for line in heights for height in line[np.isfinite(line)][:1])
             self._base = np.float32(next(known, np.nan))
-        place = self._margin + row, self._margin + col
-        here = slices((*place, *heights.shape))
+        row, col, rows, cols = part
+        here = slices((self._margin + row, self._margin + col, rows, cols))
         there = self.heights[here]
         there[:] = self._unknown
         np.subtract(heights, self._base, out=there, where=np.isfinite(heights))
@@ -198,20 +198,19 @@ class Poses:
 
     def write(
         self,
-        row: int,
-        col: int,
+        part: Rectangle,
         heights: Float2D,
         shut: Bool | None = None,
         added: Float2D = NOTHING,
     ) -> Rectangle:
-        """Put heights into the map, (h, w) float32 that lie inside it, and forget the motions that
-        they touch.
+        """Put heights (h, w) float32 into a part of the map, and forget the motions that they
+        touch.
 
         `shut` and `added` as for the class, of these cells. Returns the rectangle of cells whose
         motions may have changed.
         """
-        self._put(row, col, heights, shut, added)
-        near = widened((row, col, *heights.shape), self.reach, self.shape)
+        self._put(part, heights, shut, added)
+        near = widened(part, self.reach, self.shape)
         rows, cols = slices(near)
         # whole runs, within the border
         first = cols.start - cols.start % LANES

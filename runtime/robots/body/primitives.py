@@ -170,9 +170,16 @@ def primitives(vehicle: Vehicle, sides_m: Sides) -> tuple[Prices, float]:
             lengths += [cells, cells]
             by_legs = left_over.py_func(abs(bend.down), abs(bend.right), _LEG_LENGTHS)
             shortest = min(shortest, cells / by_legs)
-    rays = np.array(legs, _INT), np.array(lengths, _FLOAT)
-    turns = _turns(vehicle, sides_m)
-    return Prices(_FLOAT(0.0), moves, fares, origins, *rays, turns), shortest
+    prices = Prices(
+        unit=_FLOAT(0.0),
+        moves=moves,
+        fares=fares,
+        origins=origins,
+        rays=np.array(legs, _INT),
+        ray_fares=np.array(lengths, _FLOAT),
+        turns=_turns(vehicle, sides_m),
+    )
+    return prices, shortest
 
 
 def _turns(vehicle: Vehicle, sides_m: Sides) -> Float32s:

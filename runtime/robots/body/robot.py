@@ -78,8 +78,8 @@ class BodyStance(Stance):
             return change
         ground = state.heights
         assert ground is not None
-        beside = ground.shut(part), ground.added(part)
-        touched = self.poses.write(*part[:2], ground.known(part), *beside)
+        known = ground.known(part)
+        touched = self.poses.write(part, known, ground.shut(part), ground.added(part))
         return change._replace(part=touched, cells=touched[2] * touched[3], cheaper=True)
 
     def complete(self) -> None:
@@ -270,7 +270,15 @@ def body_on(state: "MapState", vehicle: Vehicle, sides_m: Sides) -> Robot:
     assert heights is not None
     whole = (0, 0, *state.shape)
     blocks = NOTHING if heights.unseen is None else heights.unseen.layers[0]
-    place = (sides_m, vehicle, heights.limits.body_weights, state.grid.model.scale)
-    poses = Poses(heights.known(whole), *place, heights.shut(whole), blocks, heights.added(whole))
+    poses = Poses(
+        heights.known(whole),
+        sides_m,
+        vehicle,
+        heights.limits.body_weights,
+        state.grid.model.scale,
+        heights.shut(whole),
+        blocks,
+        heights.added(whole),
+    )
     moves = BodyMoves if vehicle.turning_radius_m is None else ArcMoves
     return Robot(BodyStance(poses), BodyPrice(poses), moves(poses))

@@ -220,10 +220,10 @@ class DirectedPrice(Price):
 
     def worth(self, start: Cell, end: Cell | None = None) -> Edges | float:
         if end is not None:
-            below, above = (float(self._heights[row, col]) for row, col in (start, end))
-            return self._model.height_price * (above - below)
-        rise = self._heights - np.float64(self._heights[start])
-        worth = np.where(np.isfinite(rise), self._model.height_price * rise, 0.0)
+            rise = float(self._heights[end]) - float(self._heights[start])
+            return self._model.height_price * rise
+        rises = self._heights - np.float64(self._heights[start])
+        worth = np.where(np.isfinite(rises), self._model.height_price * rises, 0.0)
         return worth.astype(np.float32)
 
     def bounds(self, grid: "Grid", shortest: float) -> tuple[float, float, float]:
@@ -263,8 +263,8 @@ class DirectedPrice(Price):
 def price_of(state: "MapState", model: SlopeCost, sides_m: Sides) -> Price:
     """What the steps of a map's robot cost by a model: by its cells, where these say it all."""
     assert state.heights is not None
-    place = state.heights.array, sides_m, model
+    heights = state.heights.array
     dy, dx = sides_m
     if model.symmetric and dy == dx and state.grid.robot.moves.over == CELLS:
-        return GroundPrice(*place, state.point)
-    return DirectedPrice(*place, state.grid)
+        return GroundPrice(heights, sides_m, model, state.point)
+    return DirectedPrice(heights, sides_m, model, state.grid)
