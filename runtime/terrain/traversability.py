@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D, as_map, unmasked
 from nnpp_edge.runtime.bands import in_bands
-from nnpp_edge.runtime.cells import Cell, Rectangle, Sides, slices
+from nnpp_edge.runtime.cells import Cell, Rectangle, Sides, slices, widened
 from nnpp_edge.runtime.errors import InvalidMapError, users_line
 from nnpp_edge.runtime.kernels.traversability import (
     MOST_COST,
@@ -234,11 +234,10 @@ def _told_at(dem: Float2D, cell: Cell, sides_m: Sides) -> list[tuple[Term, float
     """Terms of a cell and its steepest step to a known neighbour, in the units of their limits;
     nothing of an unknown one.
     """
-    top = max(cell[0] - 1, 0)
-    left = max(cell[1] - 1, 0)
+    top, left, *_ = part = widened((*cell, 1, 1), (1, 1), dem.shape)
     row = cell[0] - top
     col = cell[1] - left
-    around = dem[top : cell[0] + 2, left : cell[1] + 2]
+    around = dem[slices(part)]
     rises = np.abs(around.astype(np.float64) - around[row, col])
     known = np.isfinite(rises)
     if not known.any():
@@ -307,7 +306,7 @@ def relative_heights(dem: ArrayLike, base: float | None = None) -> tuple[Float2D
 def warn_of_saturation(heights: Float2D, limits: Traversability, sides_m: Sides) -> None:
     """`SaturationWarning` where one applies, by a sample of the cells."""
     rows, cols = heights.shape
-    apart = max(-(-rows // MOST_SAMPLED), 1), max(-(-cols // MOST_SAMPLED), 1)
+    apart = math.ceil(rows / MOST_SAMPLED), math.ceil(cols / MOST_SAMPLED)
     terms = _terms(heights, sides_m, apart)
     known = np.count_nonzero(np.isfinite(terms[0]))
     at_limit = map(np.count_nonzero, map(np.greater_equal, terms, limits.of_terms("limit")))

@@ -155,15 +155,15 @@ def motions_of(vehicle: Vehicle, sides_m: Sides, motions: list[list[MotionPose]]
         under.append(_samples(middle, areas, frames, offsets, sides_m, snapped))
     groups: list[GroundSamples] = []
     groups_of = [0]
-    raised: list[list[int]] = []
+    raised: list[Int64] = []
     for *under_wheels, belly in zip(*under, strict=True):
         groups += under_wheels
-        raised += [[]] * len(under_wheels)
+        raised += [np.empty(0, np.int64)] * len(under_wheels)
         weights = np.column_stack((np.ones(len(belly.places)), belly.places)) @ fit
         lowers = weights < -_ROUNDING
         for pattern in np.unique(lowers, axis=0):
             groups.append(belly.of((lowers == pattern).all(1)))
-            raised.append(np.flatnonzero(pattern).tolist())
+            raised.append(np.flatnonzero(pattern))
         groups_of.append(len(groups))
     sizes = np.array([[(group.counts == many).sum() for many in (4, 2, 1)] for group in groups])
     ends = np.cumsum(sizes).reshape(-1, 3)
@@ -194,7 +194,7 @@ def motions_of(vehicle: Vehicle, sides_m: Sides, motions: list[list[MotionPose]]
         fit_offsets=fit_cells[:, :2].astype(np.int64),
         fit_shares=np.ascontiguousarray(fit_cells[:, 2:], np.float32),
         raised_of=np.cumsum([0, *map(len, raised)]),
-        raised=np.array([wheel for each in raised for wheel in each], np.int64),
+        raised=np.concatenate(raised),
         swept=np.column_stack((swept(body), turn)).astype(np.float32),
         gradients=np.ascontiguousarray(np.concatenate((fit, absolute[1:])), np.float32),
         carried=np.concatenate((by_slope, 2.0 * contact)).astype(np.float32),

@@ -118,13 +118,13 @@ class Poses:
         offsets = np.concatenate((tables.offsets, tables.fit_offsets))
         self.reach: Cell = tuple(np.abs(offsets).max(0).tolist())
         """Rows and columns from a cell to those that it takes to check its motions."""
-        self._margin = max(self.reach) + 1
-        width = cols + 2 * self._margin + LANES
+        margin = max(self.reach) + 1
+        width = cols + 2 * margin + LANES
         self._base = np.float32(np.nan)
         """The first height that was known, to which all are relative; NaN before."""
         self._unknown = np.float32(np.nan if vehicle.unknown_passes or unseen.size else np.inf)
         beyond = np.inf if unseen.size else self._unknown
-        self.heights = np.full((rows + 2 * self._margin, width), beyond, np.float32)
+        self.heights = np.full((rows + 2 * margin, width), beyond, np.float32)
         """Within a margin of `margin` unknown cells, and more to the right; relative to `_base`."""
         self._added = np.zeros(self.heights.shape if added.size else (0, 0), np.float32)
         """Likewise; (0, 0) without layers."""
@@ -143,12 +143,12 @@ class Poses:
             added=self._added.reshape(-1),
             tables=tuple(motions.by_offsets(tables, width)),
             limits=self.limits,
-            scratch=np.zeros(max(tables.gradients.shape[1], 1) * LANES, np.float32),
+            scratch=np.zeros(tables.gradients.shape[1] * LANES, np.float32),
             counts=np.zeros(1, np.int64),
             rows=rows,
             cols=cols,
             width=width,
-            margin=self._margin,
+            margin=margin,
             block_side=cols // unseen.shape[1] if unseen.size else 0,
             block_prices=unseen.reshape(-1),
             check_run=0,
@@ -187,7 +187,7 @@ class Poses:
             known = (height for line in heights for height in line[np.isfinite(line)][:1])
             self._base = np.float32(next(known, np.nan))
         row, col, rows, cols = part
-        here = slices((self._margin + row, self._margin + col, rows, cols))
+        here = slices((self._record.margin + row, self._record.margin + col, rows, cols))
         there = self.heights[here]
         there[:] = self._unknown
         np.subtract(heights, self._base, out=there, where=np.isfinite(heights))
