@@ -144,7 +144,7 @@ class Vehicle:
     @property
     def as_body(self) -> "Vehicle | None":
         """Itself, if its poses decide where paths may go; else None."""
-        return self if self.kind.by_heights else None
+        return self if self.kind.name == "body" else None
 
     @property
     def bytes_per_cell(self) -> int:

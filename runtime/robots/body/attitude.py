@@ -82,7 +82,8 @@ def attitudes(poses: Poses, path: Cells) -> Attitudes:
     """
     steps = poses.steps(path)
     full = replace(poses.vehicle, reserve=0.0).allowances
-    last = int(path[-1, 2] if path.shape[1] == 3 else np.append(0, steps.headings)[-1])
+    headings = path[:, 2] if path.shape[1] == 3 else np.append(0, steps.headings)
+    last = int(headings[-1])
     standing = poses.codes.shape[1] + last % AXIS_COUNT
     turned = last % (2 * AXIS_COUNT) >= AXIS_COUNT
     taken = zip(steps.cells, steps.motions, steps.reversed, steps.turned, strict=True)
