@@ -121,5 +121,4 @@ def nearest(mask: NDArray[np.bool_], cell: Cell) -> Cell:
     """The cell of a mask (H, W), which holds at least one, that is nearest to another."""
     cells = np.argwhere(mask)
     squares = ((cells - cell) ** 2).sum(1)
-    row, col = cells[squares.argmin()].tolist()
-    return row, col
+    return cell_of(cells[squares.argmin()])

@@ -166,10 +166,9 @@ class Kind(NamedTuple):
     """Whether it stands by heights, not by costs alone; else it has no other values."""
 
 
-_ROBOTS = "nnpp_edge.runtime.robots."
 KINDS = (
-    Kind("disc", "radius_m", f"{_ROBOTS}disc:disc_on", by_heights=False),
-    Kind("body", "length_m", f"{_ROBOTS}body.robot:body_on"),
+    Kind("disc", "radius_m", "nnpp_edge.runtime.robots.disc:disc_on", by_heights=False),
+    Kind("body", "length_m", "nnpp_edge.runtime.robots.body.robot:body_on"),
 )
 """A vehicle is of the first kind whose key it has."""
 

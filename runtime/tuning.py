@@ -17,9 +17,10 @@ class CorridorWidth(NamedTuple):
     """
     nearby: float
     """Added to the band for short paths, divided by the coarse cells between start and goal."""
-    coarse_radius: int
-    coarse_band: float
-    """Added to radius and band between two coarse levels, where room costs little."""
+    coarse_radius: int = 0
+    coarse_band: float = 0.0
+    """Added to radius and band between two coarse levels, where room costs little. A vehicle's body
+    searches one coarse level alone."""
 
 
 # Changes of a map
@@ -92,11 +93,11 @@ LEARNED_CORRIDOR = CorridorWidth(1, 0.0005, nearby=0.08, coarse_radius=2, coarse
 BODY_WEIGHT = 4.0
 """For a vehicle, whose poses coarse levels can only guess, means count so many times there:
 where cells are dear on average, poses fail."""
-BODY_CORRIDOR = CorridorWidth(2, 0.04, nearby=2.5, coarse_radius=0, coarse_band=0.0)
+BODY_CORRIDOR = CorridorWidth(2, 0.04, nearby=2.5)
 """For a vehicle: mean gap 0.0 to 0.2 % with up to a tenth of the ground under rocks
 (docs/decisions/bodies.md).
 """
-WIDENED_BODY_CORRIDOR = CorridorWidth(4, 0.1, nearby=6.0, coarse_radius=0, coarse_band=0.0)
+WIDENED_BODY_CORRIDOR = CorridorWidth(4, 0.1, nearby=6.0)
 """Where the first held no path for a vehicle, or not one good enough."""
 BODY_BAND_UP_TO = 1024
 """Cells from start to goal up to which a body's corridor has all of its band; beyond, the band
@@ -155,16 +156,16 @@ JOIN_MS, GOAL_MOVES = 3.0, 0.25
 """Time in which a path is joined to a goal that has moved; and how far that may have moved, as a
 share of the cells from the robot to it, so that the path is joined, and not searched for anew.
 """
-ARC_CORRIDOR = CorridorWidth(6, 0.03, nearby=4.5, coarse_radius=0, coarse_band=0.0)
+ARC_CORRIDOR = CorridorWidth(6, 0.03, nearby=4.5)
 """For a vehicle that drives arcs, which swing out. With a radius of 2 quarters paths of a radius
 of 2.7 bodies are 0.2 % dearer and 20 of 60 corridors are widened, not 12. Room counts where the way
 is short, and the band costs time where it is long: at 512² (radius 8 cells) paths lie 0.24 % above
 the optimum (p95 0.4), with a band of 0.05 and 4 nearby 0.6 (2.8), with 0.02 and 3 0.7 (2.6)."""
-ROOMY_ARC_CORRIDOR = CorridorWidth(6, 0.04, nearby=6.0, coarse_radius=0, coarse_band=0.0)
+ROOMY_ARC_CORRIDOR = CorridorWidth(6, 0.04, nearby=6.0)
 """To a goal with a heading, and for a body that only goes forwards: paths lie 0.13 and 0.33 % above
 the optimum to a heading (p95 0.5 and 1.4; radius 8 and 16 cells), as narrow as others 0.3 and 0.6
 (2.2 and 4.5); forwards 0.12 and 0.18, as narrow 0.24 and 0.27."""
-WIDENED_ARC_CORRIDOR = CorridorWidth(12, 0.1, nearby=6.0, coarse_radius=0, coarse_band=0.0)
+WIDENED_ARC_CORRIDOR = CorridorWidth(12, 0.1, nearby=6.0)
 """Where the first held no path of arcs, or a doubtful one. With a radius of 4 quarters, less room
 at a start than in the first, the whole map was searched for 10 of 148 queries on a crater's rim,
 not for 4."""

@@ -79,8 +79,9 @@ class Grid:
         self.robot = Robot()
         """Where it may stand, and what its steps cost; by default a point's."""
         packed_tiles = COMPLETE if tiles is None else tiles.packed(level)
+        steps = (*model.length_term, *model.weight_term)  # `records.StepTerms`
         self.packed: Packed = tuple(
-            records.GridRecord(self.weights, self.stride, model.steps, corner_cutting, packed_tiles)
+            records.GridRecord(self.weights, self.stride, steps, corner_cutting, packed_tiles)
         )
         """As kernels take it."""
         floor, most, ceiling = map(np.float32, model.costs)

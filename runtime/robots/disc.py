@@ -44,8 +44,7 @@ class DiscStance(Stance):
         obstacles = np.ones((rows + 2 * down, cols + 2 * along), np.uint8)
         inside = slices((top - row + down, left - col + along, high, wide))
         obstacles[inside] = ~(weights[slices(seen)] < np.inf)
-        border = cv2.BORDER_CONSTANT
-        touched = cv2.dilate(obstacles, self._touched, borderType=border, borderValue=1)
+        touched = cv2.dilate(obstacles, self._touched)
         here: Bool = touched[down : down + rows, along : along + cols] > 0
         return here
 

@@ -75,9 +75,7 @@ class Stance:
                 grid.tiles.open_at(*cell)
         return [math.isfinite(grid.weights[grid.node(*cell)]) for cell in cells]
 
-    def touched(
-        self, change: "Change", part: Rectangle, state: "MapState", *, heights: bool
-    ) -> "Change":
+    def touched(self, change: "Change", part: Rectangle, state: "MapState") -> "Change":
         """The change with all cells where it may stand or go otherwise than before."""
         return change
 
@@ -92,8 +90,8 @@ class Stance:
 class Price:
     """What steps and paths cost: here by the weights of a step's ends, see `terrain.step_cost`."""
 
-    metre = 0.0
-    """What a metre of level ground costs beside a cell's price; 0 where cells' weights say."""
+    level_cell = 1.0
+    """What a turn costs that is as dear as a cell's height of level ground."""
 
     def edges(self, backwards: bool = False) -> Edges | None:
         """(nodes, ways) costs of steps, or of those that come to a cell; None where they cost by
@@ -157,7 +155,7 @@ class CellMoves:
     """What a search goes over, by which methods are refused: see `options.METHODS`."""
     corridors = CORRIDOR, WIDENED_CORRIDOR
     """Widths of the corridor in which a path is looked for first, and of the next."""
-    corridors_to_heading = CORRIDOR, WIDENED_CORRIDOR
+    corridors_to_heading = corridors
     """Those to a goal with a heading."""
     corridor_tries = 1
     """How often coarse levels are searched, each time without the links that led nowhere."""
@@ -217,16 +215,25 @@ class CellMoves:
         `hints` of landmarks spare expansions; after about `limit` expansions it gives up with
         TIMEOUT.
         """
-        start, goal, _, deadline, *_ = query
-        place = (grid, start, goal, workspace, region)
-        return astar(*place, hints=hints, limit=limit, deadline=deadline)
+        return astar(
+            grid,
+            query.start,
+            query.goal,
+            workspace,
+            region,
+            hints=hints,
+            limit=limit,
+            deadline=query.deadline,
+        )
 
     def spreading(self, grid: "Grid", workspace: Workspace, links: UInt8) -> Spreading:
         """How its costs spread from a cell to all others."""
         return spreading(grid, links)
 
-    def walk_turns(self, grid: "Grid", path: Cells, first: int, costs: Floats, metre: float) -> int:
-        """As `walk`, where turns alone cost, by what a metre of level ground does."""
+    def walk_turns(
+        self, grid: "Grid", path: Cells, first: int, costs: Floats, level_cell: float
+    ) -> int:
+        """As `walk`, where turns alone cost, see `Price.level_cell`."""
         blocked = Price().walk(grid, path, first, costs)
         costs[first:] = 0.0
         return blocked
@@ -314,21 +321,13 @@ class Robot(NamedTuple):
 
         `part` is where new heights, or else costs, were put; empty where none were new.
         """
-        change = self.stance.touched(change, part, state, heights=heights)
+        change = self.stance.touched(change, part, state)
         return self.price.follow(change, part, heights=heights)
 
     @property
     def readiness(self) -> float:
         """By how much a robot on its way may have it cheaper than one that sets out there."""
-        return self.moves.readiness * self._unit
-
-    @property
-    def _unit(self) -> float:
-        """What a cell of turning costs, by the price."""
-        poses = self.moves.poses
-        if poses is None or self.price.edges() is None:
-            return 1.0
-        return poses.sides_m[0] * self.price.metre
+        return self.moves.readiness * self.price.level_cell
 
     @property
     def by_weights(self) -> bool:
@@ -349,7 +348,7 @@ class Robot(NamedTuple):
 
     def at_ends(self, query: Query) -> float:
         """By how much less a path may cost than a search's bound, see `CellMoves.at_ends`."""
-        return self.moves.at_ends(query) * self._unit
+        return self.moves.at_ends(query) * self.price.level_cell
 
     def states(self) -> "States":
         """A body's motions."""

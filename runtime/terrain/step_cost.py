@@ -45,30 +45,25 @@ class StepModel(NamedTuple):
     scale: float
     length_term: tuple[float, float]
     weight_term: tuple[float, float]
+    costs: tuple[float, float, float]
+    """Range of a cell's cost: least and most of a passable one, and from where on it is
+    impassable.
+    """
 
     @classmethod
     def of(cls, step_cost: str, omega: float = PAPER_OMEGA) -> "StepModel":
         """The model of that name; InvalidQueryError for another name or an omega out of range."""
         if step_cost == StepCost.LENGTH:
-            return cls(StepCost.LENGTH, 1.0, (0.0, 0.0), (0.5, 0.5 * SQRT2))
+            costs = LEAST_WEIGHT, MOST_WEIGHT, math.inf
+            return cls(StepCost.LENGTH, 1.0, (0.0, 0.0), (0.5, 0.5 * SQRT2), costs)
         if step_cost != StepCost.PAPER:
             raise InvalidQueryError(f"step_cost must be 'paper' or 'length', got {step_cost!r}")
         if not 0.0 <= omega <= MOST_WEIGHT / GREY_LEVELS:
             raise InvalidQueryError(
                 f"omega must be from 0 to {MOST_WEIGHT / GREY_LEVELS:.0e}, got {omega}"
             )
-        return cls(StepCost.PAPER, GREY_LEVELS * omega, (1.0, SQRT2), (1.0, 1.0))
-
-    @property
-    def costs(self) -> tuple[float, float, float]:
-        """Range of a cell's cost: least and most of a passable one, and from where on it is
-        impassable.
-        """
-        return (
-            (0.0, 1.0, 1.0)
-            if self.kind is StepCost.PAPER
-            else (LEAST_WEIGHT, MOST_WEIGHT, math.inf)
-        )
+        costs = 0.0, 1.0, 1.0
+        return cls(StepCost.PAPER, GREY_LEVELS * omega, (1.0, SQRT2), (1.0, 1.0), costs)
 
     def refuses(self, cost: NDArray[np.float32]) -> bool:
         """Whether a passable one of these costs is out of range."""
@@ -80,11 +75,6 @@ class StepModel(NamedTuple):
         least, most, _ = self.costs
         wanted = "at least 0" if self.kind is StepCost.PAPER else f"from {least:.3g} to {most:g}"
         raise InvalidMapError(f"every passable cost must be {wanted}, got one of {cost:g}")
-
-    @property
-    def steps(self) -> tuple[float, float, float, float]:
-        """Lengths, then weight terms, each for straight and for diagonal steps."""
-        return (*self.length_term, *self.weight_term)
 
     def step(self, kind: int, weights: float) -> float:
         """Cost of a straight (0) or diagonal (1) step between cells whose weights sum to

@@ -8,7 +8,7 @@ summed up, the paper leaves open; it is decided here.
 
 import math
 import warnings
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D, as_map, unmasked
 from nnpp_edge.runtime.bands import in_bands
-from nnpp_edge.runtime.cells import Cell, Rectangle, Sides, slices
+from nnpp_edge.runtime.cells import Cell, Rectangle, Sides, slices, widened
 from nnpp_edge.runtime.errors import InvalidMapError, users_line
 from nnpp_edge.runtime.kernels.traversability import (
     MOST_COST,
@@ -74,7 +74,7 @@ class Traversability:
 
     def soft(self) -> "Traversability":
         """The same without hard limits."""
-        none = {each.name: math.inf for each in fields(self) if each.name.startswith("hard_")}
+        none = {name: math.inf for name in vars(self) if name.startswith("hard_")}
         return replace(self, **none)
 
     def scaled(self, factor: float) -> "Traversability":
@@ -85,12 +85,8 @@ class Traversability:
     @property
     def changed(self) -> dict[str, float]:
         """The values that are not the defaults, by name."""
-        values = asdict(self)
-        return {
-            each.name: values[each.name]
-            for each in fields(self)
-            if values[each.name] != each.default
-        }
+        values = vars(self).items()
+        return {name: value for name, value in values if value != getattr(type(self), name)}
 
     def __post_init__(self) -> None:
         if not 0.0 < self.slope_limit_deg < 90.0:
@@ -194,11 +190,9 @@ def traversability_cost(
     limits = traversability or Traversability()
     sides = sides_of(cell_size_m, cell_width_m)
     rule = limits.rule(*sides)
-    (rows, cols), known, cost = (
-        heights.shape,
-        heights.reshape(-1),
-        np.empty(heights.size, np.float32),
-    )
+    rows, cols = heights.shape
+    known = heights.reshape(-1)
+    cost = np.empty(heights.size, np.float32)
     in_bands(
         lambda top, end: fill_weights(known, rows, cols, rule, (top, end, 0, cols), cost, 0, cols),
         0,
@@ -240,11 +234,10 @@ def _told_at(dem: Float2D, cell: Cell, sides_m: Sides) -> list[tuple[Term, float
     """Terms of a cell and its steepest step to a known neighbour, in the units of their limits;
     nothing of an unknown one.
     """
-    top = max(cell[0] - 1, 0)
-    left = max(cell[1] - 1, 0)
+    top, left, *_ = part = widened((*cell, 1, 1), (1, 1), dem.shape)
     row = cell[0] - top
     col = cell[1] - left
-    around = dem[top : cell[0] + 2, left : cell[1] + 2]
+    around = dem[slices(part)]
     rises = np.abs(around.astype(np.float64) - around[row, col])
     known = np.isfinite(rises)
     if not known.any():
@@ -313,7 +306,7 @@ def relative_heights(dem: ArrayLike, base: float | None = None) -> tuple[Float2D
 def warn_of_saturation(heights: Float2D, limits: Traversability, sides_m: Sides) -> None:
     """`SaturationWarning` where one applies, by a sample of the cells."""
     rows, cols = heights.shape
-    apart = max(-(-rows // MOST_SAMPLED), 1), max(-(-cols // MOST_SAMPLED), 1)
+    apart = math.ceil(rows / MOST_SAMPLED), math.ceil(cols / MOST_SAMPLED)
     terms = _terms(heights, sides_m, apart)
     known = np.count_nonzero(np.isfinite(terms[0]))
     at_limit = map(np.count_nonzero, map(np.greater_equal, terms, limits.of_terms("limit")))

@@ -84,7 +84,7 @@ class Vehicle:
 
     def __post_init__(self) -> None:
         if self.as_body is None:
-            self._check(radius_m=_metres(_LARGEST_M))
+            check_ranges(self, InvalidMapError, radius_m=_metres(_LARGEST_M))
             kind = self.kind
             given = {each.name for each in fields(self) if getattr(self, each.name) != each.default}
             if given - {kind.key}:
@@ -94,12 +94,14 @@ class Vehicle:
                 )
             return
         for most in (_LARGEST_M, _THINNEST * min(self.length_m, self.width_m)):
-            self._check(length_m=_metres(most), width_m=_metres(most))
+            check_ranges(self, InvalidMapError, length_m=_metres(most), width_m=_metres(most))
         longest = max(self.length_m, self.width_m)
         height = _metres(_TALLEST * longest)
         widest = _WIDEST_TURN * longest
         turn_cost = 0.0, widest, f"a number of metres from 0 to {widest:g}"
-        self._check(
+        check_ranges(
+            self,
+            InvalidMapError,
             clearance_m=height,
             max_step_m=height,
             turning_radius_m=_metres(widest),
@@ -133,9 +135,6 @@ class Vehicle:
                     "a contact patch of "
                     f"{contact:g} m and more than 0, got {apart:g}"
                 )
-
-    def _check(self, **ranges: Range) -> None:
-        check_ranges(self, InvalidMapError, **ranges)
 
     @property
     def kind(self) -> Kind:

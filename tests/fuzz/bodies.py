@@ -7,7 +7,6 @@ import numpy as np
 
 from nnpp_edge.runtime import Vehicle
 from nnpp_edge.runtime.kernels.poses import AXIS_COUNT, FAILS, MOST_CODE
-from nnpp_edge.runtime.robots.body.poses import limits_of
 from tests import pose_oracles
 from tests.fuzz.cases import Finding
 from tests.strategies import odd_heights
@@ -141,7 +140,7 @@ def codes_in_numpy(poses, motion):
     """(N,) code of the worst pose of a motion from each cell or 0, mean T, and whether rounding may
     decide.
     """
-    limits = limits_of(poses.vehicle, poses.weights).astype(np.float64)[:, None]
+    limits = poses.limits.astype(np.float64)[:, None]
     worst = 0
     total = 0.0
     near = False

@@ -211,13 +211,13 @@ def broken_on_ground_made_to_pass(seed, swept=1.0):
         step = 1.0
         while step > 0.005:  # the most that passes
             dem[row, col] = way * (share + step)
-            poses.write(row, col, dem[row : row + 1, col : col + 1])
+            poses.write((row, col, 1, 1), dem[row : row + 1, col : col + 1])
             check_run(poses.packed, *middle, motion)
             passes = poses.codes[11 * (side + 2) + 11, motion] < FAILS
             share = share + step * bool(passes)
             step = 0.5 * step
         dem[row, col] = way * share
-        poses.write(row, col, dem[row : row + 1, col : col + 1])
+        poses.write((row, col, 1, 1), dem[row : row + 1, col : col + 1])
     return pose_oracles.breaks_at(
         dem, 1.0, vehicle, *bodies.dense_places(motion, middle, (1.0, 1.0), 25)
     )

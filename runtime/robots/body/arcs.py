@@ -4,7 +4,7 @@ along them.
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
 from typing import NamedTuple
@@ -70,8 +70,8 @@ class Arc:
 
 
 def heading_deg(direction: int, sides_m: Sides) -> float:
-    """Of one of the sixteen directions, degrees clockwise from grid north."""
-    return (180.0 - math.degrees(heading_rad(direction % DIRECTION_COUNT, sides_m))) % 360.0
+    """Of one of the sixteen directions, or of a state, degrees clockwise from grid north."""
+    return (180.0 - math.degrees(heading_rad(direction, sides_m))) % 360.0
 
 
 def direction_near(heading: float, sides_m: Sides) -> int:
@@ -93,16 +93,15 @@ def arcs_along(states: Int32, vehicle: Vehicle, sides_m: Sides) -> tuple[Arc, ..
     found: list[Arc] = []
     for before, after in pairwise(states.tolist()):
         row, col, state = before
-        direction = state % DIRECTION_COUNT
-        pose = col * sides_m[1], row * sides_m[0], heading_deg(direction, sides_m)
+        pose = col * sides_m[1], row * sides_m[0], heading_deg(state, sides_m)
         for gear, curvature, length, turned in _pieces(before, after, vehicle, sides_m):
             arc = Arc(gear, curvature, length, pose, turned)
             pose = arc.at(1.0)
             last = found[-1] if found else arc
             alike = (last.gear, last.curvature_per_m) == (gear, curvature)
             if last is not arc and alike and (gear or last.turn_deg * turned > 0):
-                whole = last.length_m + length, last.start_pose, last.turn_deg + turned
-                found[-1] = Arc(gear, curvature, *whole)
+                whole = last.length_m + length
+                found[-1] = replace(last, length_m=whole, turn_deg=last.turn_deg + turned)
             else:
                 found.append(arc)
     return tuple(found)

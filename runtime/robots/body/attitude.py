@@ -13,7 +13,7 @@ from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.poses import AXIS_COUNT, REFUSALS
 from nnpp_edge.runtime.robots.body import motions
-from nnpp_edge.runtime.robots.body.poses import Poses, limits_of
+from nnpp_edge.runtime.robots.body.poses import Poses
 
 
 class Attitudes(NamedTuple):
@@ -82,8 +82,8 @@ def attitudes(poses: Poses, path: Cells) -> Attitudes:
     """
     steps = poses.steps(path)
     full = replace(poses.vehicle, reserve=0.0).allowances
-    directions = path[:, 2] if path.shape[1] == 3 else np.append(0, steps.headings)
-    last = int(directions[-1])
+    headings = path[:, 2] if path.shape[1] == 3 else np.append(0, steps.headings)
+    last = int(headings[-1])
     standing = poses.codes.shape[1] + last % AXIS_COUNT
     turned = last % (2 * AXIS_COUNT) >= AXIS_COUNT
     taken = zip(steps.cells, steps.motions, steps.reversed, steps.turned, strict=True)
@@ -109,24 +109,17 @@ def explain(poses: Poses, cell: Cell, heading_deg: float) -> PoseCheck:
         raise InvalidQueryError(f"cell must lie on the map of {rows} × {cols} cells, got {cell}")
     if not math.isfinite(heading_deg):
         raise InvalidQueryError(f"heading_deg must be a number of degrees, got {heading_deg}")
-    slope, pitch, roll, step, up = _standing(poses, cell, heading_deg).tolist()
-    values = (math.atan(slope), pitch, roll, step, up)
-    most = limits_of(poses.vehicle, poses.weights)[1:6].tolist()
-    passed = [not value <= limit for value, limit in zip(values, most, strict=True)]
-    fails = [not math.isfinite(slope + step + up), *passed]
-    refused = REFUSALS[fails.index(True)] if True in fails else None
-    angles = [math.degrees(math.atan(each)) for each in (slope, pitch, roll)]
-    limits = map(Limit, (*angles, step, up), poses.vehicle.allowances)
-    return PoseCheck(cell, heading_deg % 360.0, refused is None, refused, *limits)
-
-
-def _standing(poses: Poses, cell: Cell, heading_deg: float) -> Floats:
-    """(5,) bounds of slope, pitch, roll, step and rise of one pose."""
     angle = math.radians(heading_deg)
     pose = motions.MotionPose(0.0, 0.0, -math.cos(angle), math.sin(angle))
     tables = motions.motions_of(poses.vehicle, poses.sides_m, [[pose]])
-    bounds: Floats = poses.figures(cell, 0, tables)[0, :5]
-    return bounds
+    slope, pitch, roll, step, rise, *_ = poses.figures(cell, 0, tables)[0].tolist()
+    unknown = 0.0 if math.isfinite(slope + step + rise) else math.inf
+    values = (unknown, math.atan(slope), pitch, roll, step, rise)
+    within = (values <= poses.limits[: len(REFUSALS)]).tolist()
+    refused = None if all(within) else REFUSALS[within.index(False)]
+    angles = [math.degrees(math.atan(each)) for each in (slope, pitch, roll)]
+    limits = map(Limit, (*angles, step, rise), poses.vehicle.allowances)
+    return PoseCheck(cell, heading_deg % 360.0, refused is None, refused, *limits)
 
 
 def greatest(poses: Poses, cell: Cell, motion: int) -> Floats:

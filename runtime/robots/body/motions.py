@@ -38,6 +38,8 @@ SNAPPED = 0.02
 the body's length: where cells are small beside the body, nearly all samples are cells, which are
 read faster than means of four."""
 _ROUNDING = 1e-9
+_CORNERS = np.array(((-1, -1), (-1, 1), (1, 1), (1, -1)))
+"""(ahead, left) of a rectangle about a middle, in times of its half sides."""
 
 
 class MotionPose(NamedTuple):
@@ -62,8 +64,10 @@ def leg_poses(direction: int, sides_m: Sides, length_m: float) -> list[MotionPos
     count = _poses_in(metres, sides_m, length_m)
     shares = ((2 * k + 1) / (2 * count) for k in range(count))
     sweep_m = metres / (2 * count)
-    heading = (down / metres, right / metres)
-    return [MotionPose(share * row, share * col, *heading, sweep_m) for share in shares]
+    return [
+        MotionPose(share * row, share * col, down / metres, right / metres, sweep_m)
+        for share in shares
+    ]
 
 
 def _poses_in(metres: float, sides_m: Sides, length_m: float) -> int:
@@ -94,9 +98,10 @@ def arc_poses(direction: int, sides_m: Sides, radius_m: float, length_m: float) 
         ahead, left, turned = bend.at(at)
         row = (down * ahead - right * left) / sides_m[0]
         col = (right * ahead + down * left) / sides_m[1]
-        heading = (math.cos(first + turned), math.sin(first + turned))
+        heading = first + turned
         bent = bend.before_m < at + half and at - half < bend.length_m - bend.after_m
-        poses.append(MotionPose(row, col, *heading, half, half / bend.radius_m if bent else 0.0))
+        turn = half / bend.radius_m if bent else 0.0
+        poses.append(MotionPose(row, col, math.cos(heading), math.sin(heading), half, turn))
     return poses
 
 
@@ -131,7 +136,9 @@ def motions_of(vehicle: Vehicle, sides_m: Sides, motions: list[list[MotionPose]]
     fit: Floats = np.linalg.pinv(np.column_stack((np.ones(len(wheels)), wheels)))
     poses = np.concatenate([np.reshape(each, (-1, len(MotionPose._fields))) for each in motions])
     offsets = poses[:, :2]
-    headings = poses[:, 2:4]
+    down, right = poses[:, 2:4].T
+    # (P, 2, 2) what a metre ahead, and one to the left, lead down and right; rows go down
+    frames = np.stack((down, right, -right, down), 1).reshape(-1, 2, 2)
     sweep, turn = poses[:, 4:].T
     snapped = math.inf if vehicle.unknown_passes else SNAPPED * vehicle.length_m
 
@@ -145,18 +152,18 @@ def motions_of(vehicle: Vehicle, sides_m: Sides, motions: list[list[MotionPose]]
     under = []
     for middle, half in (*((wheel, contact) for wheel in wheels), (np.zeros(2), body)):
         areas = half + swept(np.abs(middle) + half)
-        under.append(_samples(middle, areas, headings, offsets, sides_m, snapped))
+        under.append(_samples(middle, areas, frames, offsets, sides_m, snapped))
     groups: list[GroundSamples] = []
     groups_of = [0]
-    raised: list[list[int]] = []
+    raised: list[Int64] = []
     for *under_wheels, belly in zip(*under, strict=True):
         groups += under_wheels
-        raised += [[]] * len(under_wheels)
+        raised += [np.empty(0, np.int64)] * len(under_wheels)
         weights = np.column_stack((np.ones(len(belly.places)), belly.places)) @ fit
         lowers = weights < -_ROUNDING
         for pattern in np.unique(lowers, axis=0):
             groups.append(belly.of((lowers == pattern).all(1)))
-            raised.append(np.flatnonzero(pattern).tolist())
+            raised.append(np.flatnonzero(pattern))
         groups_of.append(len(groups))
     sizes = np.array([[(group.counts == many).sum() for many in (4, 2, 1)] for group in groups])
     ends = np.cumsum(sizes).reshape(-1, 3)
@@ -164,30 +171,30 @@ def motions_of(vehicle: Vehicle, sides_m: Sides, motions: list[list[MotionPose]]
     samples = np.column_stack((begins, ends))
     cells_in = np.cumsum([0, *(sizes @ (4, 2, 1))])
     cells = np.concatenate([group.cells for group in groups])
-    places = np.concatenate([group.places for group in groups]).astype(np.float32)
+    places = np.concatenate([group.places for group in groups])
+    ahead, left = places.T.astype(np.float32, "C")
     fitted = [
-        _fit_cells(wheels, fit, heading, offset, sides_m)
-        for heading, offset in zip(headings, offsets, strict=True)
+        _fit_cells(wheels @ frame / sides_m + offset, fit)
+        for frame, offset in zip(frames, offsets, strict=True)
     ]
     fit_cells = np.concatenate(fitted)
     absolute = np.abs(fit)
-    (length, width) = body
-    corners = np.array([(1.0, x, y) for x in (-length, length) for y in (-width, width)])
+    corners = np.column_stack((np.ones(4), _CORNERS * body))
     outermost = np.abs(corners @ fit).sum(1).max()
     by_slope = np.outer((absolute[1].sum(), absolute[2].sum(), outermost), contact).reshape(-1)
     return PoseTables(
         poses_of=np.cumsum([0, *map(len, motions)]),
         groups_of=np.array(groups_of),
         groups=np.column_stack((np.pad(samples, ((0, 1), (0, 0))), cells_in)),
-        ahead=places[:, 0].copy(),
-        left=places[:, 1].copy(),
+        ahead=ahead,
+        left=left,
         offsets=cells[:, :2].astype(np.int64),
         shares=cells[:, 2].astype(np.float32),
         fit_of=np.cumsum([0, *map(len, fitted)]),
         fit_offsets=fit_cells[:, :2].astype(np.int64),
         fit_shares=np.ascontiguousarray(fit_cells[:, 2:], np.float32),
         raised_of=np.cumsum([0, *map(len, raised)]),
-        raised=np.array([wheel for each in raised for wheel in each], np.int64),
+        raised=np.concatenate(raised),
         swept=np.column_stack((swept(body), turn)).astype(np.float32),
         gradients=np.ascontiguousarray(np.concatenate((fit, absolute[1:])), np.float32),
         carried=np.concatenate((by_slope, 2.0 * contact)).astype(np.float32),
@@ -217,13 +224,11 @@ class GroundSamples(NamedTuple):
         return GroundSamples(self.places[chosen], self.counts[chosen], cells)
 
 
-def _fit_cells(
-    wheels: Floats, fit: Floats, heading: Floats, offset: Floats, sides: Sides
-) -> Floats:
-    """(D, 4) row and column of the cells under the wheels' middles, and what each adds to the
-    plane's slopes.
+def _fit_cells(middles: Floats, fit: Floats) -> Floats:
+    """(D, 4) row and column of the cells under the wheels' middles (W, 2), and what each adds to
+    the plane's slopes.
     """
-    counts, cells = _cells_of(wheels @ _frame(heading) / sides + offset)
+    counts, cells = _cells_of(middles)
     shares = cells[:, 2:] * np.repeat(fit[1:].T, counts, axis=0)
     found, at = np.unique(cells[:, :2], axis=0, return_inverse=True)
     total = np.zeros((len(found), 2))
@@ -231,32 +236,25 @@ def _fit_cells(
     return np.column_stack((found, total))
 
 
-def _frame(heading: Floats) -> Floats:
-    """(2, 2) of a heading: what a metre ahead, and one to the left, lead down and right."""
-    return np.array((heading, (-heading[1], heading[0])))  # rows go down
-
-
 def _samples(
     middle: Floats,
     areas: Floats,
-    headings: Floats,
+    frames: Floats,
     offsets: Floats,
     sides: Sides,
     snapped: float,
 ) -> list[GroundSamples]:
-    """Samples of rectangles about the same `middle` (ahead, left) of bodies with headings (N, 2) at
-    offsets (N, 2).
+    """Samples of rectangles about the same `middle` (ahead, left) of bodies with frames (N, 2, 2)
+    at offsets (N, 2).
 
     Rectangles reach `areas` (N, 2) metres ahead and to the left of their middles, and as far back
     and to the right. Their boxes are widened to lines of middles nearer than `snapped` metres.
     """
-    frames = np.array([_frame(heading) for heading in headings])
-    signs = np.array(((-1, -1), (-1, 1), (1, 1), (1, -1)))
-    ends = middle + signs * areas[:, None]  # (N, 4, 2) ahead, left
+    ends = middle + _CORNERS * areas[:, None]  # (N, 4, 2) ahead, left
     corners = ends @ frames / sides + offsets[:, None]
     columns = _extents(corners)
     rows = _extents(corners[..., ::-1])
-    near = snapped / np.array(sides) + _ROUNDING
+    near = (snapped / np.array(sides) + _ROUNDING)[:, None, None]
     found = []
     for n, frame in enumerate(frames):
         points = _corners_of(columns[n], rows[n], near)
@@ -274,8 +272,8 @@ def _extents(corners: Floats) -> list[Floats]:
     """
     first = np.floor(corners[..., 1].min(1) + _ROUNDING)
     last = np.ceil(corners[..., 1].max(1) - _ROUNDING)
-    count = int((last - first).max())
-    lines = first[:, None] + np.arange(count + 1)  # (N, K + 1)
+    counts = (last - first).astype(int)
+    lines = first[:, None] + np.arange(counts.max() + 1)  # (N, K + 1)
     x = corners[:, None, :, 0]  # (N, 1, 4)
     y = corners[:, None, :, 1]
     along_x = np.roll(x, -1, axis=2) - x
@@ -293,7 +291,6 @@ def _extents(corners: Floats) -> list[Floats]:
     met = np.concatenate((on_lines[:, :-1], on_lines[:, 1:], within), 2)
     extents = np.fmin.reduce(met, 2), np.fmax.reduce(met, 2)
     found = np.stack((lines[:, :-1], *extents), 2)
-    counts = (last - first).astype(int)
     return [each[:strips] for each, strips in zip(found, counts, strict=True)]
 
 
@@ -302,8 +299,8 @@ def _corners_of(columns: Floats, rows: Floats, near: Floats) -> Floats:
     last those on one line through middles, and on two.
 
     `columns` are the strips of columns with their extents of rows, `rows` likewise (`_extents`). A
-    part's extent is that of the strip, cut off at the square. Of the corners on one line between
-    two middles the outer ones stay.
+    part's extent is that of the strip, cut off at the square, and widened to lines nearer than
+    `near` (2, 1, 1) cells. Of the corners on one line between two middles the outer ones stay.
     """
     # by axis of the square, (2, rows, columns)
     begin = np.stack(np.broadcast_arrays(rows[:, None, 0], columns[:, 0]))
@@ -313,8 +310,8 @@ def _corners_of(columns: Floats, rows: Floats, near: Floats) -> Floats:
     low = np.maximum(least, begin)
     high = np.minimum(most, end)
     there = (high - low > _ROUNDING).all(0)
-    low = np.where(low - begin <= near[:, None, None], begin, low)
-    high = np.where(end - high <= near[:, None, None], end, high)
+    low = np.where(low - begin <= near, begin, low)
+    high = np.where(end - high <= near, end, high)
     lines = itertools.product((low[0], high[0]), (low[1], high[1]))
     corners = [np.stack((down[there], across[there]), 1) for down, across in lines]
     points = np.unique(np.round(np.concatenate(corners), 9), axis=0)
@@ -323,9 +320,10 @@ def _corners_of(columns: Floats, rows: Floats, near: Floats) -> Floats:
     middles = set(map(tuple, points[whole.all(1)].tolist()))
     kept = whole.all(1) | ~whole.any(1)
     for axis in (0, 1):
-        # along each line between two middles the outer points, unless the middle there is one
+        # along each line between two middles the outer points, unless the middle there is one;
+        # points are sorted by row and column
         on = np.flatnonzero(whole[:, axis] & ~whole[:, 1 - axis])
-        on = on[np.lexsort((points[on, 1 - axis], points[on, axis]))]
+        on = on[np.argsort(points[on, axis], kind="stable")]
         begins = np.diff(cell[on], axis=0, prepend=np.nan).any(1)
         ends = np.append(begins, True)[1:]
         for outer, step in ((begins, 0.0), (ends, 1.0)):

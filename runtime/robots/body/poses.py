@@ -7,6 +7,7 @@ checked. So what a search finds is the optimum over all motions, though it has c
 """
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -59,7 +60,8 @@ from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
 NO_EDGES = np.empty((0, 2 * AXIS_COUNT), np.float32)
 """Of legs that cost by what they are checked to be."""
-NOTHING_ADDED = np.empty((0, 0), np.float32)
+NOTHING = np.empty((0, 0), np.float32)
+"""Of a map without such numbers."""
 _SAFE = 1.0 - 1e-5
 """Share of a limit that is used: what rounding to float32 may add."""
 
@@ -82,9 +84,9 @@ class Poses:
         Weight of T = 1.
     shut : (H, W) bool
         Cells that no part of the body may be above, whatever their heights; by default none.
-    unseen : (2, I, J) float32
-        Prices of blocks, see `map.tiles.Tiles`: motions that would be over unknown cells cost by
-        these.
+    unseen : (I, J) float32
+        Prices of blocks, see `map.unseen.Unseen`, of which later ones count too: motions that would
+        be over unknown cells cost by these.
     added : (H, W) float32
         What layers add to T.
     """
@@ -97,14 +99,13 @@ class Poses:
         weights: tuple[float, float, float],
         scale: float,
         shut: Bool | None = None,
-        unseen: Float32s | None = None,
-        added: Float2D = NOTHING_ADDED,
+        unseen: Float2D = NOTHING,
+        added: Float2D = NOTHING,
     ) -> None:
-        self.weights = weights
         self.vehicle = vehicle
-        self.shape = (heights.shape[0], heights.shape[1])
+        rows, cols = heights.shape
+        self.shape = (rows, cols)
         self.sides_m = sides_m
-        rows, cols = self.shape
         dy, dx = sides_m
         down = rows * dy
         across = cols * dx
@@ -114,18 +115,16 @@ class Poses:
                 f"{vehicle.width_m:g} m, got one of {down:g} × {across:g} m"
             )
         self.motions = tables = motions.all_motions(vehicle, sides_m)
-        reach = np.abs(np.concatenate((tables.offsets, tables.fit_offsets))).max(0)
-        self.reach: Cell = (int(reach[0]), int(reach[1]))
+        offsets = np.concatenate((tables.offsets, tables.fit_offsets))
+        self.reach: Cell = tuple(np.abs(offsets).max(0).tolist())
         """Rows and columns from a cell to those that it takes to check its motions."""
-        self._margin = max(self.reach) + 1
-        width = cols + 2 * self._margin + LANES
+        margin = max(self.reach) + 1
+        width = cols + 2 * margin + LANES
         self._base = np.float32(np.nan)
         """The first height that was known, to which all are relative; NaN before."""
-        self._unknown = np.float32(
-            np.nan if vehicle.unknown_passes or unseen is not None else np.inf
-        )
-        beyond = self._unknown if unseen is None else np.inf
-        self.heights = np.full((rows + 2 * self._margin, width), beyond, np.float32)
+        self._unknown = np.float32(np.nan if vehicle.unknown_passes or unseen.size else np.inf)
+        beyond = np.inf if unseen.size else self._unknown
+        self.heights = np.full((rows + 2 * margin, width), beyond, np.float32)
         """Within a margin of `margin` unknown cells, and more to the right; relative to `_base`."""
         self._added = np.zeros(self.heights.shape if added.size else (0, 0), np.float32)
         """Likewise; (0, 0) without layers."""
@@ -136,21 +135,22 @@ class Poses:
         there are any. Searches come to new pages of it all the time, and huge ones take up to 3 ms
         to be cleared.
         """
-        self._counts = np.zeros(1, np.int64)
+        self.limits = _limits_of(vehicle, weights)
+        """As of `records.PosesRecord`."""
         record = records.PosesRecord(
             codes=self.codes,
             heights=self.heights.reshape(-1),
             added=self._added.reshape(-1),
             tables=tuple(motions.by_offsets(tables, width)),
-            limits=limits_of(vehicle, weights),
-            scratch=np.zeros(max(tables.gradients.shape[1], 1) * LANES, np.float32),
-            counts=self._counts,
+            limits=self.limits,
+            scratch=np.zeros(tables.gradients.shape[1] * LANES, np.float32),
+            counts=np.zeros(1, np.int64),
             rows=rows,
             cols=cols,
             width=width,
-            margin=self._margin,
-            block_side=0 if unseen is None else cols // unseen.shape[2],
-            block_prices=np.empty(0, np.float32) if unseen is None else unseen[0].reshape(-1),
+            margin=margin,
+            block_side=cols // unseen.shape[1] if unseen.size else 0,
+            block_prices=unseen.reshape(-1),
             check_run=0,
         )
         address = address_of(check_run, tuple(record), 0, 0, 0)  # type: ignore[no-untyped-call]  # as all of `kernels`
@@ -161,7 +161,7 @@ class Poses:
         """No curve is shorter than so many times the way by legs."""
         self.prices = prices._replace(unit=np.float32(2.0 * scale / MOST_CODE))
         """Of the vehicle's motions, in cells of level ground."""
-        self._put(0, 0, heights, shut, added)
+        self._put((0, 0, rows, cols), heights, shut, added)
 
     def figures(self, cell: Cell, motion: int, other: PoseTables | None = None) -> Floats:
         """(P, 7) of the poses of a motion from a cell, or of one of other motions: bounds of slope,
@@ -180,14 +180,14 @@ class Poses:
     @property
     def checked(self) -> int:
         """Poses checked so far; one that was forgotten and checked again counts twice."""
-        return int(self._counts[0])
+        return int(self._record.counts[0])
 
-    def _put(self, row: int, col: int, heights: Float2D, shut: Bool | None, added: Float2D) -> None:
+    def _put(self, part: Rectangle, heights: Float2D, shut: Bool | None, added: Float2D) -> None:
         if np.isnan(self._base):
             known = (height for line in heights for height in line[np.isfinite(line)][:1])
             self._base = np.float32(next(known, np.nan))
-        place = self._margin + row, self._margin + col
-        here = slices((*place, *heights.shape))
+        row, col, rows, cols = part
+        here = slices((self._record.margin + row, self._record.margin + col, rows, cols))
         there = self.heights[here]
         there[:] = self._unknown
         np.subtract(heights, self._base, out=there, where=np.isfinite(heights))
@@ -198,20 +198,19 @@ class Poses:
 
     def write(
         self,
-        row: int,
-        col: int,
+        part: Rectangle,
         heights: Float2D,
         shut: Bool | None = None,
-        added: Float2D = NOTHING_ADDED,
+        added: Float2D = NOTHING,
     ) -> Rectangle:
-        """Put heights into the map, (h, w) float32 that lie inside it, and forget the motions that
-        they touch.
+        """Put heights (h, w) float32 into a part of the map, and forget the motions that they
+        touch.
 
         `shut` and `added` as for the class, of these cells. Returns the rectangle of cells whose
         motions may have changed.
         """
-        self._put(row, col, heights, shut, added)
-        near = widened((row, col, *heights.shape), self.reach, self.shape)
+        self._put(part, heights, shut, added)
+        near = widened(part, self.reach, self.shape)
         rows, cols = slices(near)
         # whole runs, within the border
         first = cols.start - cols.start % LANES
@@ -224,7 +223,7 @@ class Poses:
         """Check all motions that are not checked yet."""
         check_all(self.packed)
 
-    def standing(self, rows: range | None = None) -> UInt16:
+    def standing(self, rows: Sequence[int] | None = None) -> UInt16:
         """(8, H, W) codes of the body standing on each cell in each direction, or of those of some
         rows.
         """
@@ -237,7 +236,7 @@ class Poses:
     def stands_at(self, cell: Cell) -> bool:
         """Whether the body may stand on a cell of the map in one direction at least."""
         row, col = cell
-        codes = self.standing(range(row, row + 1))[:, 0, col]
+        codes = self.standing([row])[:, 0, col]
         return bool((codes < FAILS).any())
 
     def walk(
@@ -367,7 +366,7 @@ def _rated(codes: UInt16, kind: type[Float]) -> NDArray[Float]:
     return np.where(codes < FAILS, rated, kind(np.inf))
 
 
-def limits_of(vehicle: Vehicle, weights: tuple[float, float, float]) -> Float32s:
+def _limits_of(vehicle: Vehicle, weights: tuple[float, float, float]) -> Float32s:
     """Of a vehicle, as the check takes them."""
     *angles, step_m, rise_m = vehicle.allowances
     tilt, pitch, roll = map(math.radians, angles)

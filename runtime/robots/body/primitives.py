@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from nnpp_edge.runtime.arrays import Float32s, Floats
+from nnpp_edge.runtime.arrays import Float32s
 from nnpp_edge.runtime.cells import Sides
 from nnpp_edge.runtime.kernels.lattice import (
     DIRECTION_COUNT,
@@ -135,7 +135,6 @@ def primitives(vehicle: Vehicle, sides_m: Sides) -> tuple[Prices, float]:
     """
     geared = vehicle.gear_change_m > 0.0 and vehicle.reverse_cost is not None
     gears = (FORWARDS, BACKWARDS) if geared else (FORWARDS,)
-    unit = min(sides_m)
     # a column for each kind and each gear before it, at first
     shape = len(gears) * DIRECTION_COUNT, _KINDS * len(gears)
     moves = np.full((*shape, MOVE_COLUMNS), -1, _INT)
@@ -165,27 +164,29 @@ def primitives(vehicle: Vehicle, sides_m: Sides) -> tuple[Prices, float]:
     if vehicle.turning_radius_m is not None:
         for k in range(DIRECTION_COUNT):
             bend = curve(k, sides_m, vehicle.turning_radius_m)
-            cells = bend.length_m / unit
+            cells = bend.length_m / min(sides_m)
             legs.append(Move(bend.down, bend.right, k, ARCS + k, False))
             legs.append(Move(-bend.down, -bend.right, k, ARCS + k, True))
             lengths += [cells, cells]
             by_legs = left_over.py_func(abs(bend.down), abs(bend.right), _LEG_LENGTHS)
             shortest = min(shortest, cells / by_legs)
-    rays = np.array(legs, _INT), np.array(lengths, _FLOAT)
-    turns = between(turns_m(vehicle, sides_m) / sides_m[0])
-    return Prices(_FLOAT(0.0), moves, fares, origins, *rays, turns), shortest
+    prices = Prices(
+        unit=_FLOAT(0.0),
+        moves=moves,
+        fares=fares,
+        origins=origins,
+        rays=np.array(legs, _INT),
+        ray_fares=np.array(lengths, _FLOAT),
+        turns=_turns(vehicle, sides_m),
+    )
+    return prices, shortest
 
 
-def turns_m(vehicle: Vehicle, sides_m: Sides) -> Floats:
-    """(8,) metres of level ground as dear as the turn from each direction to the next."""
-    return vehicle.turn_m_per_rad * np.array([turn_rad(k, sides_m) for k in range(AXIS_COUNT)])
-
-
-def between(turns: Floats) -> Float32s:
-    """(16, 16) what the shorter turn from each direction to each other costs, given (8,) of those
-    to the next.
-    """
-    at = np.cumsum(np.concatenate(([0.0], turns, turns)))
+def _turns(vehicle: Vehicle, sides_m: Sides) -> Float32s:
+    """(16, 16) what the shorter turn from each direction to each other costs, in cells."""
+    angles = np.array([turn_rad(k, sides_m) for k in range(AXIS_COUNT)])
+    to_next = vehicle.turn_m_per_rad * angles / sides_m[0]
+    at = np.cumsum(np.concatenate(([0.0], to_next, to_next)))
     apart = np.abs(at[:-1, None] - at[:-1])
     found: Float32s = np.minimum(apart, at[-1] - apart).astype(np.float32)
     return found
@@ -193,32 +194,27 @@ def between(turns: Floats) -> Float32s:
 
 def _ways(vehicle: Vehicle, sides_m: Sides) -> Iterator[tuple[int, int, Move, float, int]]:
     """Direction, kind, primitive, its cells, and gear (0 on the spot)."""
-    gears = (1,) if vehicle.reverse_cost is None else (1, -1)
+    radius = vehicle.turning_radius_m
     for k in range(DIRECTION_COUNT):
         before = (k - 1) % DIRECTION_COUNT
         after = (k + 1) % DIRECTION_COUNT
-        for gear in gears if vehicle.turning_radius_m is not None else (1,):
-            way = k if gear > 0 else (k + AXIS_COUNT) % DIRECTION_COUNT
-            kind = LEG if gear > 0 else _BACKWARD_LEG
-            yield k, kind, _leg(way, k), math.hypot(LEG_ROWS[k], LEG_COLS[k]), gear
         if vehicle.can_turn_on_spot:
             left_turn = Move(0, 0, after, TURNS + k % AXIS_COUNT, False)
             right_turn = Move(0, 0, before, TURNS + before % AXIS_COUNT, False)
             yield k, LEFT_TURN, left_turn, 0.0, 0
             yield k, LEFT_TURN + 1, right_turn, 0.0, 0
-        if (radius := vehicle.turning_radius_m) is None:
-            continue
-        for gear in gears:
-            # from its beginning to the left, and from its end, the other way round, to the right
+        for gear in (1,) if vehicle.reverse_cost is None else (1, -1):
             ahead = k if gear > 0 else (k + AXIS_COUNT) % DIRECTION_COUNT
-            left = ahead
+            kind = LEG if gear > 0 else _BACKWARD_LEG
+            yield k, kind, _leg(ahead, k), math.hypot(LEG_ROWS[k], LEG_COLS[k]), gear
+            if radius is None:
+                continue
+            # from its beginning to the left, and from its end, the other way round, to the right
             right = (ahead - 1 + AXIS_COUNT) % DIRECTION_COUNT
-            arcs = ((left, 1, False, _LEFT_ARC), (right, -1, True, _RIGHT_ARC))
-            for arc, to, there, kind in arcs:
+            for arc, to, kind in ((ahead, 1, _LEFT_ARC), (right, -1, _RIGHT_ARC)):
                 bend = curve(arc, sides_m, radius)
-                sign = -1 if there else 1
-                after = (k + to) % DIRECTION_COUNT
-                move = Move(sign * bend.down, sign * bend.right, after, ARCS + arc, there)
+                turned = (k + to) % DIRECTION_COUNT
+                move = Move(to * bend.down, to * bend.right, turned, ARCS + arc, to < 0)
                 kind = kind if gear > 0 else kind + _BACKWARDS_ON
                 yield k, kind, move, bend.length_m / min(sides_m), gear
 

@@ -39,9 +39,9 @@ def refusals(codes: UInt16) -> UInt8:
 
 def why_blocked(poses: Poses, cell: Cell) -> str:
     """By which limit the body is refused on a cell where it stands in no direction."""
-    codes = poses.standing(range(cell[0], cell[0] + 1))[:, :, cell[1]]
-    limit = int(refusals(codes[..., None])[0, 0]) - 1
-    axes = np.nonzero(codes[:, 0] == FAILS + limit)[0].tolist()
+    codes = poses.standing([cell[0]])[:, 0, cell[1]]
+    limit = int(np.bincount(codes - FAILS).argmax())
+    axes = np.flatnonzero(codes == FAILS + limit).tolist()
     least = min(greatest(poses, cell, poses.codes.shape[1] + axis)[limit] for axis in axes)
     headings = "any heading" if len(axes) == AXIS_COUNT else f"{len(axes)} of {AXIS_COUNT} headings"
     return f"in {headings} {_refused(poses, limit, least, '{} or more')}"
@@ -84,8 +84,7 @@ def why_ended(poses: Poses, reached: Bool, end: Cell, *, by_legs: bool, from_goa
     if not len(found):
         return told
     limit = int(np.bincount(found).argmax())
-    places = np.argwhere(refused == limit)
-    places += np.array((top, left, 0))
+    places = np.argwhere(refused == limit) + np.array((top, left, 0))
     nearest = np.abs(places[:, :2] - closest).max(1).argmin()
     i, j, axis = places[nearest].tolist()
     down, right = motions.AXIS_LEGS[axis]
@@ -103,7 +102,7 @@ def _refused(poses: Poses, limit: int, value: float, form: str) -> str:
     if limit == UNKNOWN:
         return _WORDS[limit]
     key = _KEYS[limit]
-    unit = "°" if _KEYS[limit].endswith("deg") else " m"
+    unit = "°" if key.endswith("deg") else " m"
     if getattr(poses.vehicle, key) is None:
         key = "max_tilt_deg" if unit == "°" else "clearance_m"
     told = _WORDS[limit].format(form.format(f"{value:.4g}{unit}"))

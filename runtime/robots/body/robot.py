@@ -15,8 +15,7 @@ from nnpp_edge.runtime.options import STATES
 from nnpp_edge.runtime.robots.body import motions
 from nnpp_edge.runtime.robots.body.arcs import direction_near, directions_within
 from nnpp_edge.runtime.robots.body.attitude import PoseCheck, explain
-from nnpp_edge.runtime.robots.body.poses import NO_EDGES, Poses
-from nnpp_edge.runtime.robots.body.primitives import between, turns_m
+from nnpp_edge.runtime.robots.body.poses import NO_EDGES, NOTHING, Poses
 from nnpp_edge.runtime.robots.body.refusal import why_blocked, why_ended
 from nnpp_edge.runtime.robots.body.search import (
     FromGoal,
@@ -73,15 +72,13 @@ class BodyStance(Stance):
     def stands_at(self, grid: "Grid", *cells: Cell) -> list[bool]:
         return [self.poses.stands_at(cell) for cell in cells]
 
-    def touched(
-        self, change: "Change", part: Rectangle, state: "MapState", *, heights: bool
-    ) -> "Change":
+    def touched(self, change: "Change", part: Rectangle, state: "MapState") -> "Change":
         if not part[2]:
             return change
         ground = state.heights
         assert ground is not None
-        beside = ground.shut(part), ground.added(part)
-        touched = self.poses.write(*part[:2], ground.known(part), *beside)
+        known = ground.known(part)
+        touched = self.poses.write(part, known, ground.shut(part), ground.added(part))
         return change._replace(part=touched, cells=touched[2] * touched[3], cheaper=True)
 
     def complete(self) -> None:
@@ -146,14 +143,14 @@ class BodyMoves(CellMoves):
         edges = price.edges()
         if edges is None:
             return States(self.poses.packed, NO_EDGES, self.poses.prices)
-        return States(self.poses.packed, edges, self._turns_by(price.metre))
+        return States(self.poses.packed, edges, self._turns_by(price.level_cell))
 
-    def _turns_by(self, metre: float) -> Prices:
-        """The prices of its motions, where turns cost by what a metre of level ground does."""
-        fares = self.poses.prices.fares.copy()
-        fares[..., FIXED] *= self.poses.sides_m[0] * metre
-        by_angle = between(turns_m(self.poses.vehicle, self.poses.sides_m) * metre)
-        return self.poses.prices._replace(fares=fares, turns=by_angle)
+    def _turns_by(self, level_cell: float) -> Prices:
+        """The prices of its motions, where turns cost by `Price.level_cell`."""
+        prices = self.poses.prices
+        fares = prices.fares.copy()
+        fares[..., FIXED] *= level_cell
+        return prices._replace(fares=fares, turns=prices.turns * np.float32(level_cell))
 
     def search(
         self,
@@ -178,8 +175,10 @@ class BodyMoves(CellMoves):
         everywhere = np.ones(workspace.states, np.bool_)
         return spreading(grid, workspace, everywhere, ~everywhere)
 
-    def walk_turns(self, grid: "Grid", path: Cells, first: int, costs: Floats, metre: float) -> int:
-        prices = self._turns_by(metre)
+    def walk_turns(
+        self, grid: "Grid", path: Cells, first: int, costs: Floats, level_cell: float
+    ) -> int:
+        prices = self._turns_by(level_cell)
         prices.fares[..., BY_LENGTH] = 0.0
         prices = prices._replace(unit=np.float32(0.0))
         return self.poses.walk(path, first, costs, prices=prices)
@@ -267,8 +266,16 @@ def body_on(state: "MapState", vehicle: Vehicle, sides_m: Sides) -> Robot:
     heights = state.heights
     assert heights is not None
     whole = (0, 0, *state.shape)
-    blocks = None if heights.unseen is None else heights.unseen.layers
-    place = (sides_m, vehicle, heights.limits.body_weights, state.grid.model.scale)
-    poses = Poses(heights.known(whole), *place, heights.shut(whole), blocks, heights.added(whole))
+    blocks = NOTHING if heights.unseen is None else heights.unseen.layers[0]
+    poses = Poses(
+        heights.known(whole),
+        sides_m,
+        vehicle,
+        heights.limits.body_weights,
+        state.grid.model.scale,
+        heights.shut(whole),
+        blocks,
+        heights.added(whole),
+    )
     moves = BodyMoves if vehicle.turning_radius_m is None else ArcMoves
     return Robot(BodyStance(poses), BodyPrice(poses), moves(poses))

@@ -93,7 +93,9 @@ class SlopeCost(ABC):
             Length on the map, above 0, and signed rise. They are broadcast; of two numbers comes
             one.
         """
-        (kinks, level, gradient), length, rise = self.table, *map(np.asarray, (length_m, rise_m))
+        kinks, level, gradient = self.table
+        length = np.asarray(length_m)
+        rise = np.asarray(rise_m)
         last = len(level) - len(kinks) - 1
         steps = rise / length * PER_SLOPE + STEEPEST * PER_SLOPE
         at = np.nan_to_num(steps).clip(0, last).astype(np.int64)

@@ -140,7 +140,6 @@ class DirectedPrice(Price):
         model: SlopeCost,
         grid: "Grid",
     ) -> None:
-        self._place = model, heights, sides_m
         self._model = model
         self._heights = heights
         self._sides = sides_m
@@ -148,25 +147,28 @@ class DirectedPrice(Price):
         self.shape = grid.shape
         rows, cols = grid.shape
         dy, dx = sides_m
-        self._ground = np.ascontiguousarray(_ground_of(*self._place, (0, 0, rows, cols)))
+        ground = _ground_of(model, heights, sides_m, (0, 0, rows, cols))
+        self._ground = np.ascontiguousarray(ground)
         """(H, W) how many times as dear a metre is on each cell; (0, 0) where that does not
         count."""
-        self.metre = float(model.cost(1.0, 0.0))
+        self.level_cell = dy * float(model.cost(1.0, 0.0))
         leads = np.array(self._under.moves.ways, np.int64)
         lengths = np.hypot(*(leads * sides_m).T)
         by_weights = self._under.moves.over == CELLS
         if by_weights:
             grid.complete()
-        self._weights = grid.weights
-        self._ways = Ways(leads, lengths, by_weights, grid.corner_cutting)
+        ways = Ways(leads, lengths, by_weights, grid.corner_cutting)
         kinks, level, gradient = model.table
         gradient = gradient - model.height_price
-        prices = model.least_per_m, model.height_price
-        self._slope_prices = SlopePrices(kinks, level, gradient, *prices)
+        prices = SlopePrices(kinks, level, gradient, model.least_per_m, model.height_price)
+        self._rule = heights, self._ground, grid.weights, tuple(prices), tuple(ways)
+        """As `price_steps` takes them."""
         least = _ROUNDED_DOWN * model.least_per_m
         straight = least * min(dy, dx)
         self._prices = straight, min(least * math.hypot(dy, dx), 2.0 * straight)
-        self._edges: Edges = np.empty(((rows + 2) * (cols + 2), len(lengths)), np.float32)
+        self.padded: Edges = np.empty((rows + 2, cols + 2, len(lengths)), np.float32)
+        """The steps, or a body's legs, by cell (with a border) and direction."""
+        self._edges = self.padded.reshape(-1, len(lengths))
         near = np.array([leads.tolist().index([*step]) for step in WAYS])
         self.finer = FinerSteps(self.padded, near)
         self.obstacle = (_OBSTACLE * model.least_per_m * lengths[near]).astype(np.float32)
@@ -175,13 +177,6 @@ class DirectedPrice(Price):
         self.padded[:: rows + 1] = self.padded[:, :: cols + 1] = np.inf
         self._compute((0, 0, rows, cols))
 
-    @property
-    def padded(self) -> Edges:
-        """(H + 2, W + 2, 8 or 16) the steps, or a body's legs, by cell and direction, within a
-        border.
-        """
-        return self._edges.reshape(self.shape[0] + 2, self.shape[1] + 2, -1)
-
     def follow(self, change: "Change", part: Rectangle, *, heights: bool) -> "Change":
         """Bring the steps up to date after a change of the weights, and of the heights in `part`.
         All that leave the cells there or beside them count as changed.
@@ -189,8 +184,8 @@ class DirectedPrice(Price):
         new = part if heights else (0, 0, 0, 0)
         if len(self._ground) and new[2]:
             new = widened(new, (1, 1), self.shape)
-            self._ground[slices(new)] = _ground_of(*self._place, new)
-        parts = [each for each in (new, change.part) if each[2] and each[3]]
+            self._ground[slices(new)] = _ground_of(self._model, self._heights, self._sides, new)
+        parts = [each for each in (new, change.part) if each[2]]
         if not parts:
             return change
         around = widened(enclosing(parts), (1, 1), self.shape)
@@ -201,7 +196,7 @@ class DirectedPrice(Price):
         return self._edges
 
     def walk(self, grid: "Grid", path: Cells, first: int, costs: Floats) -> int:
-        blocked = self._under.moves.walk_turns(grid, path, first, costs, self.metre)
+        blocked = self._under.moves.walk_turns(grid, path, first, costs, self.level_cell)
         cells = path[first:]
         lengths = np.hypot(*(np.diff(cells, axis=0) * self._sides).T)
         with np.errstate(invalid="ignore"):  # wherever steps lead
@@ -225,10 +220,10 @@ class DirectedPrice(Price):
 
     def worth(self, start: Cell, end: Cell | None = None) -> Edges | float:
         if end is not None:
-            below, above = (float(self._heights[row, col]) for row, col in (start, end))
-            return self._model.height_price * (above - below)
-        rise = self._heights - np.float64(self._heights[start])
-        worth = np.where(np.isfinite(rise), self._model.height_price * rise, 0.0)
+            rise = float(self._heights[end]) - float(self._heights[start])
+            return self._model.height_price * rise
+        rises = self._heights - np.float64(self._heights[start])
+        worth = np.where(np.isfinite(rises), self._model.height_price * rises, 0.0)
         return worth.astype(np.float32)
 
     def bounds(self, grid: "Grid", shortest: float) -> tuple[float, float, float]:
@@ -256,13 +251,10 @@ class DirectedPrice(Price):
         """Compute the steps that leave a rectangle's cells, on all cores where that pays."""
         row, col, rows, cols = part
         dearest = [self._greatest]
-        rule = tuple(self._slope_prices), tuple(self._ways)
 
         def price(row0: int, row1: int) -> None:
             area = (row0, row1, col, col + cols)  # `records.Area`
-            map_of = self._heights, self._ground, self._weights
-            priced = price_steps(*map_of, *rule, area, self.padded)
-            dearest.append(float(priced))
+            dearest.append(float(price_steps(*self._rule, area, self.padded)))
 
         in_bands(price, row, row + rows, cols, threads_from=_THREADS_FROM)
         self._greatest = max(dearest)
@@ -271,8 +263,8 @@ class DirectedPrice(Price):
 def price_of(state: "MapState", model: SlopeCost, sides_m: Sides) -> Price:
     """What the steps of a map's robot cost by a model: by its cells, where these say it all."""
     assert state.heights is not None
-    place = state.heights.array, sides_m, model
+    heights = state.heights.array
     dy, dx = sides_m
     if model.symmetric and dy == dx and state.grid.robot.moves.over == CELLS:
-        return GroundPrice(*place, state.point)
-    return DirectedPrice(*place, state.grid)
+        return GroundPrice(heights, sides_m, model, state.point)
+    return DirectedPrice(heights, sides_m, model, state.grid)
