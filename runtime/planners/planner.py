@@ -138,7 +138,7 @@ class Planner(OnMap):
         """
         work = Work()  # the looks at the arguments count
         asked = options_of(**options)
-        refining = "refine" in asked and self._frees(asked["refine"])
+        refining = self._frees(asked.get("refine"))
         deadline = _deadline(asked)
         plan = self._on_grid(start, goal, asked, work, deadline)
         return self._refined(plan, refining, deadline)
@@ -220,7 +220,10 @@ class Planner(OnMap):
             begin, wanted = self._state.grid.robot.moves.ends(start_deg, goal_deg, tolerance)
             direction = begin if direction < 0 else direction
         epsilon = asked.get("epsilon", math.inf)
-        query = Query.of(start, goal, deadline, epsilon, direction, wanted)
+        if not epsilon >= 0.0:
+            raise InvalidQueryError(f"epsilon must be a number of at least 0, got {epsilon}")
+        ends = as_cell(start, "start"), as_cell(goal, "goal")
+        query = Query(*ends, epsilon, deadline, direction, wanted)
         method = Method(asked.get("method", Method.AUTO))
         keep = asked.get("keep_regions", False)
         return self._methods.plan(query, work, method, keep_regions=keep)
