@@ -474,7 +474,7 @@ class DynamicPlanner(OnMap):
         ends = place.start, place.goal
         # `Found.of` adds what the height between the ends is worth
         bound = grid.least_cost(*ends) - float(grid.robot.price.worth(*ends))
-        found = Found.of(grid, Search(Status.OK, path, 0, bound), Source.STANDING, None)
+        found = Found.of(grid, Search(Status.OK, path, 0, bound), Source.STANDING)
         return found.plan(DynamicMethod(by), work, self._state, choice=_JOINED)
 
     def _join(self, place: Query, *, as_good: bool) -> Plan | None:

@@ -46,7 +46,9 @@ class Found(NamedTuple):
     threshold: float = math.nan
 
     @classmethod
-    def of(cls, grid: Grid, search: Search, source: Source, region: Region | None) -> "Found":
+    def of(
+        cls, grid: Grid, search: Search, source: Source, region: Region | None = None
+    ) -> "Found":
         """Of a search of the map, or of a region of it."""
         path = search.path  # of a search: it lies on the map
         costs = grid.robot.price.costs_of(grid, path)
