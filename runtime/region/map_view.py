@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from nnpp_edge.runtime.arrays import Float32s
-from nnpp_edge.runtime.cells import Cell, Rectangle, apart, common
+from nnpp_edge.runtime.cells import Cell, Rectangle, apart, common, enclosing, widened
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import users_line
 from nnpp_edge.runtime.kernels.pooling import FACTOR
@@ -174,18 +174,14 @@ class MapView:
             corner.append(min(max(first, 0), max(cells - side, 0)))
         return corner[0], corner[1], min(side, shape[0]), min(side, shape[1])
 
-    def _holds(self, *cells: Cell) -> bool:
+    def _holds(self, start: Cell, goal: Cell) -> bool:
         """Whether the window holds these cells, and an eighth of its side around them where the map
         goes on.
         """
-        for axis, whole in enumerate(self._grid.shape):
-            first = self.window[axis]
-            side = self.window[axis + 2]
-            low = first + side // 8 * (first > 0)
-            high = first + side - side // 8 * (first + side < whole)
-            if not all(low <= cell[axis] < high for cell in cells):
-                return False
-        return True
+        _, _, rows, cols = self.window
+        ends = enclosing(((*start, 1, 1), (*goal, 1, 1)))
+        around = widened(ends, (rows // 8, cols // 8), self._grid.shape)
+        return common(around, self.window) == around
 
 
 # kept by their shapes, for the next map
