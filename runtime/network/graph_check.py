@@ -41,7 +41,6 @@ def checked_metadata(content: bytes, source: str) -> dict[bytes, bytes]:
     the file itself.
     """
     model = memoryview(content)
-    metadata = {}
     try:
         objection = (
             "one in onnxruntime's own format"

@@ -81,7 +81,7 @@ def opened(path: Path, threads: int | None = None) -> tuple[LoadedModel, bool]:
     Arguments and errors are those of `NetworkModel`: whoever asks for a file that cannot be loaded
     tries again.
     """
-    key = _key(path, threads)
+    key = _identity(path), threads
     loaded = _open.get(key)
     if waited := loaded is None:
         with _loading:
@@ -108,13 +108,9 @@ def begin_loading(model: object) -> None:
         return
     with suppress(NnppEdgeError, RuntimeError):  # the latter where no thread can be started
         path = model_path(model)
-        if _key(path, None) not in _open:
+        if (_identity(path), None) not in _open:
             # no daemon: a process that ends in the middle of an import of onnxruntime may crash
             threading.Thread(target=load, name="load a model").start()
-
-
-def _key(path: Path, threads: int | None) -> Key:
-    return _identity(path), threads
 
 
 def _identity(path: Path) -> Identity:
