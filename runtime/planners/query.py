@@ -125,13 +125,11 @@ def problem_with(grid: Grid, start: Cell, goal: Cell) -> Status | None:
     """
     if not grid.holds(start):
         return Status.START_OUTSIDE_MAP
-    if not grid.holds(goal):
-        stands = grid.is_passable(start)
-        return Status.GOAL_OUTSIDE_MAP if stands else Status.START_BLOCKED
-    starts, ends = grid.robot.stance.stands_at(grid, start, goal)
-    if not starts:
+    if not grid.is_passable(start):
         return Status.START_BLOCKED
-    return None if ends else Status.GOAL_BLOCKED
+    if not grid.holds(goal):
+        return Status.GOAL_OUTSIDE_MAP
+    return None if grid.is_passable(goal) else Status.GOAL_BLOCKED
 
 
 def told(problem: Status, query: Query, robot: Robot) -> str:
