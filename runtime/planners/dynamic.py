@@ -17,6 +17,7 @@ from nnpp_edge.runtime.arrays import Bool, Cells, Float2D, Int32
 from nnpp_edge.runtime.cells import Cell, apart, as_cell, cell_of
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
+from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.map.changes import Change
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.memory import touch
@@ -471,9 +472,8 @@ class DynamicPlanner(OnMap):
         path = self._joiner.join(way, place)
         if path is None:
             return None
-        ends = place.start, place.goal
         # `Found.of` adds what the height between the ends is worth
-        bound = grid.least_cost(*ends) - float(grid.robot.price.worth(*ends))
+        bound = float(octile.py_func(*place.start, *place.goal, *grid.prices))
         found = Found.of(grid, Search(Status.OK, path, 0, bound), Source.STANDING)
         return found.plan(DynamicMethod(by), work, self._state, choice=_JOINED)
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Unpack
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Bool, Float2D
 from nnpp_edge.runtime.cells import Cell, as_cell
-from nnpp_edge.runtime.deadline import NEVER, Deadline
+from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.options import PlannerOptions, PlanOptions
@@ -139,7 +139,7 @@ class Planner(OnMap):
         work = Work()  # the looks at the arguments count
         asked = options_of(**options)
         refining = self._frees(asked.get("refine"))
-        deadline = _deadline(asked)
+        deadline = Deadline.within(asked.get("time_limit_s", math.inf))
         plan = self._on_grid(start, goal, asked, work, deadline)
         return self._refined(plan, refining, deadline)
 
@@ -174,7 +174,7 @@ class Planner(OnMap):
         asked = options_of(**options)
         grid = self._state.grid
         refining = self._frees(asked.get("refine"))
-        deadline = _deadline(asked)
+        deadline = Deadline.within(asked.get("time_limit_s", math.inf))
         between = [as_cell(cell, f"via {at}") for at, cell in enumerate(via, 1)]
         stops = [as_cell(start, "start"), *between, as_cell(goal, "goal")]
         memory = self._methods.astar.workspace
@@ -233,7 +233,3 @@ class Planner(OnMap):
         if refining:
             return self._freed(plan, deadline)
         return plan if plan.states is None else plan.over(self._state)
-
-
-def _deadline(asked: PlanOptions) -> Deadline:
-    return Deadline.within(asked["time_limit_s"]) if "time_limit_s" in asked else NEVER
