@@ -61,6 +61,12 @@ class PlaceHead:
 
     def answer(self, start: Point, goal: Point, sigma: float, out: Planes) -> None:
         """Probabilities, (2P, 2P) float32, into `out`."""
-        ends = (*start, *goal)
-        spacing = float(QUERY_SPACING)
-        answer_ends(ends, spacing, sigma, self._places, self._query, self._matrices, out)
+        answer_ends(
+            (*start, *goal),
+            float(QUERY_SPACING),
+            sigma,
+            self._places,
+            self._query,
+            self._matrices,
+            out,
+        )

@@ -358,9 +358,14 @@ class Methods:
         if query.apart < self._ask_from and (near := self.search_briefly(query, work)) is not None:
             return near
         level, top = self._network_level(query.deadline)
-        place = level, top, self.descent.workspace(top)
         td, at_td, regions = self.regions.regions(
-            query.start, query.goal, *place, work, query.deadline
+            query.start,
+            query.goal,
+            level,
+            top,
+            self.descent.workspace(top),
+            work,
+            query.deadline,
         )
         for number, region in enumerate(regions):
             source = Source.WIDENED if number else Source.REGION

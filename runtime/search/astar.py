@@ -220,10 +220,10 @@ def allowed(region: Region | None) -> Parts:
 def spreading(grid: "Grid", links: UInt8 = NO_LINKS) -> Spreading:
     """How a point's costs spread."""
     edges = grid.robot.price.edges()
-    steps = (grid.packed, edges, links)
+    before = (grid.packed, edges, links, kernels.NO_REGION, kernels.NO_HINTS)
     width = bucket_width(grid, edges)
     rule = Rule(0.0, 0.0, width, _successors(grid, links, edges), kernels.BELOW)
-    return Spreading(kernels.expand, (*steps, kernels.NO_REGION, kernels.NO_HINTS), rule)
+    return Spreading(kernels.expand, before, rule)
 
 
 def settle_all(
