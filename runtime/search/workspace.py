@@ -87,10 +87,6 @@ class Workspace:
         """
         return int(self.meta[0])
 
-    @stamp.setter
-    def stamp(self, number: int) -> None:
-        self.meta[0] = number
-
     @property
     def packed(self) -> Packed:
         """All of it, for the newest search, as kernels take it."""
@@ -141,7 +137,7 @@ class Workspace:
         if number > LAST_STAMP:
             self.meta[1::2] = 0
             number = 1
-        self.stamp = number
+        self.meta[0] = number
         return number
 
     @cached_property
