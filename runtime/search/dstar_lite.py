@@ -107,10 +107,22 @@ class DStarLite:
     @property
     def _search(self) -> Parts:
         """As kernels take it."""
-        start = (self._start, *divmod(self._start, self._grid.stride))
-        place = (self._goal, *start, *self._prices, self._km)
-        known = (self.g, self.rhs, self.keys, self.nodes, self.slots, self.size)
-        return (self._grid.packed, tuple(self.region), *place, *known), self._edges
+        search = (  # `records.DStar`
+            self._grid.packed,
+            tuple(self.region),
+            self._goal,
+            self._start,
+            *divmod(self._start, self._grid.stride),
+            *self._prices,
+            self._km,
+            self.g,
+            self.rhs,
+            self.keys,
+            self.nodes,
+            self.slots,
+            self.size,
+        )
+        return search, self._edges
 
     def _begin(self, prices: Iterable[float]) -> None:
         """Forget all that was found. No straight and no diagonal step costs less than `prices`."""

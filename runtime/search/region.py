@@ -22,8 +22,7 @@ class Region(records.RegionRecord):
     @classmethod
     def everywhere(cls, rows: int, cols: int) -> "Region":
         """All of a map, as one block."""
-        row_block = np.zeros(rows, np.int32)
-        return cls(np.ones((1, 1), np.int32), row_block, np.zeros(cols, np.int32), 1)
+        return cls(np.ones((1, 1), np.int32), np.zeros(rows, np.int32), np.zeros(cols, np.int32), 1)
 
     def blocks(self) -> Bool:
         """Which of the bitmap's blocks are inside; bool, of its shape."""
@@ -68,5 +67,6 @@ class Region(records.RegionRecord):
 
     def copy(self) -> "Region":
         """This region with arrays of its own, which no later search overwrites."""
-        row_block = self.row_block.copy()
-        return Region(self.blocks().astype(np.int32), row_block, self.col_block.copy(), 1)
+        return Region(
+            self.blocks().astype(np.int32), self.row_block.copy(), self.col_block.copy(), 1
+        )
