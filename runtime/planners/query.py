@@ -113,10 +113,11 @@ class Found(NamedTuple):
         work.timings_ms["total"] = work.total_ms()
         if not keep_regions:
             return plan
-        region, learned = (
-            None if found is None else found.copy() for found in (self.region, self.network_region)
+        return replace(
+            plan,
+            region=self.region and self.region.copy(),
+            network_region=self.network_region and self.network_region.copy(),
         )
-        return replace(plan, region=region, network_region=learned)
 
 
 def problem_with(grid: Grid, start: Cell, goal: Cell) -> Status | None:

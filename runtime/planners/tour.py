@@ -215,7 +215,7 @@ class _Legs:
         return list(itertools.pairwise(visited))
 
 
-def _cheapest_order(costs: Floats, deadline: Deadline = NEVER) -> tuple[Order, float]:
+def _cheapest_order(costs: Floats, deadline: Deadline) -> tuple[Order, float]:
     """The cheapest order of the stops between the first and the last, and what the order given
     costs.
 
