@@ -145,11 +145,12 @@ class NetworkModel:
 
 def _bound(loaded: LoadedModel) -> Bound:
     """New inputs and outputs of a network."""
+    session = loaded.session
     inputs, outputs = (
-        {name: np.zeros(shape, np.float32) for name, shape in shapes.items()}
-        for shapes in (loaded.inputs, loaded.outputs)
+        {value.name: np.zeros(value.shape, np.float32) for value in values}
+        for values in (session.get_inputs(), session.get_outputs())
     )
-    binding = loaded.session.io_binding()
+    binding = session.io_binding()
     for name, array in inputs.items():
         binding.bind_cpu_input(name, array)
     for name, array in outputs.items():
