@@ -222,8 +222,9 @@ class Planner(OnMap):
         epsilon = asked.get("epsilon", math.inf)
         if not epsilon >= 0.0:
             raise InvalidQueryError(f"epsilon must be a number of at least 0, got {epsilon}")
-        ends = as_cell(start, "start"), as_cell(goal, "goal")
-        query = Query(*ends, epsilon, deadline, direction, wanted)
+        query = Query(
+            as_cell(start, "start"), as_cell(goal, "goal"), epsilon, deadline, direction, wanted
+        )
         method = Method(asked.get("method", Method.AUTO))
         keep = asked.get("keep_regions", False)
         return self._methods.plan(query, work, method, keep_regions=keep)

@@ -265,13 +265,27 @@ class StandingPath:
             self._savings((0, 0), (0, 0))
 
     def _note(self, change: Change) -> None:
-        noted = (self._before, self._noted, self._touched)
-        self._count = remember(change.nodes, change.old_weights, *noted, self._count)
+        self._count = remember(
+            change.nodes,
+            change.old_weights,
+            self._before,
+            self._noted,
+            self._touched,
+            self._count,
+        )
 
     def _savings(self, at: Cell, goal: Cell) -> tuple[float, float, float]:
         grid = self._grid
-        noted = (grid.weights, self._before, self._touched, self._count)
-        saved, by_cheaper, by_opened = savings(*noted, grid.stride, at, goal, grid.prices)
+        saved, by_cheaper, by_opened = savings(
+            grid.weights,
+            self._before,
+            self._touched,
+            self._count,
+            grid.stride,
+            at,
+            goal,
+            grid.prices,
+        )
         if not grid.corner_cutting:
             # beside a cell that was opened, a diagonal step may have become allowed
             by_opened -= 2.0 * grid.prices[0]
