@@ -2,7 +2,7 @@
 been seen.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import cv2
 import numpy as np
@@ -16,7 +16,7 @@ from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.layers import Costs
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.options import STATES
-from nnpp_edge.runtime.planners.methods import Methods
+from nnpp_edge.runtime.planners.query import Found
 from nnpp_edge.runtime.robots.robot import Price
 from nnpp_edge.runtime.search.astar import Query
 from nnpp_edge.runtime.search.region import Region
@@ -32,11 +32,15 @@ from nnpp_edge.runtime.tuning import (
 class BlockWay:
     """The way over the blocks of a coarse map. Serves one thread at a time.
 
-    Blocks cost by what is expected of them, and by what is known of their cells; a corridor leads
-    over them.
+    Blocks cost by what is expected of them, and by what is known of their cells. `find` plans on a
+    map of costs.
     """
 
-    def __init__(self, state: MapState) -> None:
+    def __init__(
+        self,
+        state: MapState,
+        find: Callable[[MapState], Callable[[Query, Work], Found]],
+    ) -> None:
         assert state.unseen is not None
         self._grid = state.grid
         self._unseen = state.unseen
@@ -45,7 +49,7 @@ class BlockWay:
         model = model._replace(scale=model.scale * PRICE_SCALE)
         ground = Ground(self._unseen.costs(everywhere) / PRICE_SCALE)
         self._map = MapState(ground, [Costs(ground.costs(), model, True, tells_unknown=False)])
-        self._find = Methods(self._map).corridor
+        self._find = find(self._map)
         rows, cols = (
             np.arange(side, dtype=np.int32) // self._unseen.factor for side in state.shape
         )
@@ -89,7 +93,8 @@ class BlockWay:
             stops = way * side + side // 2
             stops[-1] = query.goal
             first = len(way) - 1 if whole else self._first(way, stops)
-            yield cell_of(stops[first]), self._around(way[: first + 1]), over(stops[first:])[1:]
+            beyond = over(stops[first:])[1:]
+            yield cell_of(stops[first]), self._around(way[: first + 1]), beyond
             if (blocked := self._blocked(stops[: first + 1])) < 0:
                 return
             known = self._unseen.blocked > 0.0

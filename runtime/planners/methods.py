@@ -142,7 +142,7 @@ class Methods:
         """Searches of the blocks of a coarse map."""
         from nnpp_edge.runtime.planners.by_blocks import BlockWay
 
-        return BlockWay(self.state)
+        return BlockWay(self.state, lambda state: Methods(state).corridor)
 
     @cached_property
     def mending(self) -> "MendingSearcher":
@@ -184,10 +184,10 @@ class Methods:
         robot = state.grid.robot
         ways = self.ways(method, query)
         by, why, _ = ways[0]
-        needs = METHODS[by].needs
+        needs = by.entry.needs
         if problem := problem_with(state.grid, query.start, query.goal):
             why = told(problem, query, robot)
-            return Plan(problem, METHODS[by].keeps or by, planner=by, reason=why)
+            return Plan(problem, by.entry.keeps or by, planner=by, reason=why)
         checked_before = robot.stance.checks
         large = state.grid.cells * robot.moves.states_a_node > SPARSE_FROM and needs
         try:
@@ -203,7 +203,7 @@ class Methods:
         assert found is not None
         if query.direction >= 0 or query.wanted is not None:  # no steps are counted there
             found = found._replace(lower_bound=found.lower_bound - robot.at_ends(query))
-        within = METHODS[by].bound
+        within = by.entry.bound
         if 1.0 < within < math.inf and found.search.status is Status.OK:
             found = found._replace(lower_bound=max(found.cost / within, 0.0))
         plan = found.plan(by, work, state, checked_before, choice=why, keep_regions=keep_regions)

@@ -12,7 +12,7 @@ from nnpp_edge.runtime.cells import Cell, cell_of
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.state import MapState
-from nnpp_edge.runtime.options import METHODS, PlanOptions
+from nnpp_edge.runtime.options import PlanOptions
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan, Source
 from nnpp_edge.runtime.robots.robot import Robot
 from nnpp_edge.runtime.search.astar import Query, Search
@@ -89,7 +89,7 @@ class Found(NamedTuple):
         states = search.path[:, 2] if search.path.shape[1] == 3 else None
         plan = Plan(
             search.status,
-            Method(METHODS[by].keeps or by),
+            Method(by.entry.keeps or by),
             self.source,
             path,
             self.cost,

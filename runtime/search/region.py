@@ -22,7 +22,8 @@ class Region(records.RegionRecord):
     @classmethod
     def everywhere(cls, rows: int, cols: int) -> "Region":
         """All of a map, as one block."""
-        return cls(np.ones((1, 1), np.int32), np.zeros(rows, np.int32), np.zeros(cols, np.int32), 1)
+        row_block = np.zeros(rows, np.int32)
+        return cls(np.ones((1, 1), np.int32), row_block, np.zeros(cols, np.int32), 1)
 
     def blocks(self) -> Bool:
         """Which of the bitmap's blocks are inside; bool, of its shape."""
