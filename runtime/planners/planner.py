@@ -198,9 +198,7 @@ class Planner(OnMap):
         came, and whether from the start; else from the goal.
         """
         memory = self._methods.exhausted
-        return self._state.grid.robot.moves.came_to(
-            self._state.grid, as_cell(start, "start"), memory
-        )
+        return self._moves.came_to(self._state.grid, as_cell(start, "start"), memory)
 
     def _on_grid(
         self,
@@ -217,7 +215,7 @@ class Planner(OnMap):
         goal_deg = asked.get("goal_heading_deg")
         if start_deg is not None or goal_deg is not None:
             tolerance = asked.get("goal_tolerance_deg", 0.0)
-            begin, wanted = self._state.grid.robot.moves.ends(start_deg, goal_deg, tolerance)
+            begin, wanted = self._moves.ends(start_deg, goal_deg, tolerance)
             direction = begin if direction < 0 else direction
         epsilon = asked.get("epsilon", math.inf)
         if not epsilon >= 0.0:
