@@ -127,9 +127,8 @@ class NetworkModel:
         self.inputs, self._outputs, self._binding = bound
         self._encoded = False
         self._head: PlaceHead | None = None
-        self._answer: Float2D
         if loaded.head is None:
-            self._answer = self._outputs[OUTPUT][0, 0]
+            self._answer: Float2D = self._outputs[OUTPUT][0, 0]
         else:
             self._head = PlaceHead(loaded.head, self._outputs[PLACES])
             self._answer = np.empty((m.blocks, m.blocks), np.float32)

@@ -56,13 +56,7 @@ class MapView:
         """The window at the network's size, as it was when the network was last shown it,
         or later.
         """
-        self._shown = self.planes
-        """The planes that the network saw last."""
         self._changes = state.log.reader()
-        self._drift = math.inf
-        """Share of the window that has changed since the network saw it: by its cells or, where
-        measured, planes.
-        """
         self._show_window((0, 0, *self._grid.shape))
         trained = GREY_LEVELS * metadata.omega
         if steps.kind is StepCost.PAPER and not 0.5 * trained <= steps.scale <= 2.0 * trained:
@@ -95,6 +89,7 @@ class MapView:
         self._average_changes(deadline)
         self.network.set_map(self.planes)
         self._shown = self.planes.copy()
+        """The planes that the network saw last."""
         self._drift = 0.0
 
     def block(self, cell: Cell) -> Cell:
@@ -116,6 +111,9 @@ class MapView:
         self.lookup = _lookup(self._place)
         """The block that each row and column of the map lies in."""
         self._drift = math.inf
+        """Share of the window that has changed since the network saw it: by its cells or, where
+        measured, planes.
+        """
         self._changes.skip()
         self.planes[:] = 1.0
         self._stale = [(0, 0, rows, cols)]

@@ -60,8 +60,6 @@ class Workspace:
     search at a time.
     """
 
-    states = 1
-
     def __init__(self, nodes: int, states: int = 1, *, sparse: bool = False) -> None:
         self.field = Workspace(nodes) if states > 1 else None
         """Memory of a search of the nodes that goes before one of their states."""
