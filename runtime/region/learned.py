@@ -95,13 +95,13 @@ class RegionFinder:
         self.stamp += 1
         grid = level.grid
         start, goal = ends
-        nodes = (grid.node(*start), grid.node(*goal))
         td = kernels.first_regions(
             probability,
             lookup,
             grid.packed,
             level.links,
-            (*nodes, blocks, touching, factor),  # `records.RegionQuery`
+            # `records.RegionQuery`
+            (grid.node(*start), grid.node(*goal), blocks, touching, factor),
             tuple(self._memory),
             (workspace.g, workspace.meta, workspace.next_stamp()),  # `records.Searched`
             (self.stamp, self.at_td, self.bitmap),  # `records.RegionMarks`
