@@ -117,8 +117,11 @@ def apart(part: Rectangle, cell: tuple[int, int]) -> int:
     return max(above, 1 - rows - above, left, 1 - cols - left, 0)
 
 
-def nearest(mask: NDArray[np.bool_], cell: Cell) -> Cell:
-    """The cell of a mask (H, W), which holds at least one, that is nearest to another."""
+def nearest(mask: NDArray[np.bool_], place: tuple[float, float]) -> Cell:
+    """The cell of a mask (H, W), which holds at least one, nearest to a place (row, col)."""
     cells = np.argwhere(mask)
-    squares = ((cells - cell) ** 2).sum(1)
+def nearest(mask: NDArray[np.bool_], place: tuple[float, float]) -> Cell:
+    """The cell of a mask (H, W), which holds at least one, nearest to a place (row, col)."""
+    cells = np.argwhere(mask)
+    squares = ((cells - place) ** 2).sum(1)
     return cell_of(cells[squares.argmin()])

@@ -77,10 +77,9 @@ def map_planes(
         out[:] = 1.0
         parts = [(0, 0, frame.rows, frame.cols)]
     weights = grid.weights[corner[0] * grid.stride + corner[1] :]
-    stride = grid.stride
     window = (frame.rows, frame.cols)
     scaled = map(np.float32, grid.as_traversability())
-    pool_planes(weights, stride, window, *scaled, frame.inner, np.array(parts), out)
+    pool_planes(weights, grid.stride, window, *scaled, frame.inner, np.array(parts), out)
 
 
 def encode_gaussian(start: Point, goal: Point, sigma: float, out: Planes) -> None:

@@ -27,9 +27,9 @@ _VALUE = 2
 _OPERATOR = 4
 _DATA_LOCATION = 14
 _VARINT = 0
-_EIGHT_BYTES = 1
 _LENGTH = 2
-_FOUR_BYTES = 5
+_FIXED_BYTES = {1: 8, 5: 4}
+"""Of fields of these kinds."""
 
 
 def checked_metadata(content: bytes, source: str) -> dict[bytes, bytes]:
@@ -41,7 +41,6 @@ def checked_metadata(content: bytes, source: str) -> dict[bytes, bytes]:
     the file itself.
     """
     model = memoryview(content)
-    metadata = {}
     try:
         objection = (
             "one in onnxruntime's own format"
@@ -102,8 +101,8 @@ def _fields(message: memoryview) -> Iterator[tuple[int, memoryview]]:
         elif kind == _LENGTH:
             length, start = _varint(message, at)
             at = start + length
-        elif kind in (_EIGHT_BYTES, _FOUR_BYTES):
-            at += 8 if kind == _EIGHT_BYTES else 4
+        elif kind in _FIXED_BYTES:
+            at += _FIXED_BYTES[kind]
         else:
             raise ValueError(kind)
         if at > end:

@@ -127,9 +127,8 @@ class NetworkModel:
         self.inputs, self._outputs, self._binding = bound
         self._encoded = False
         self._head: PlaceHead | None = None
-        self._answer: Float2D
         if loaded.head is None:
-            self._answer = self._outputs[OUTPUT][0, 0]
+            self._answer: Float2D = self._outputs[OUTPUT][0, 0]
         else:
             self._head = PlaceHead(loaded.head, self._outputs[PLACES])
             self._answer = np.empty((m.blocks, m.blocks), np.float32)
@@ -145,11 +144,12 @@ class NetworkModel:
 
 def _bound(loaded: LoadedModel) -> Bound:
     """New inputs and outputs of a network."""
+    session = loaded.session
     inputs, outputs = (
-        {name: np.zeros(shape, np.float32) for name, shape in shapes.items()}
-        for shapes in (loaded.inputs, loaded.outputs)
+        {value.name: np.zeros(value.shape, np.float32) for value in values}
+        for values in (session.get_inputs(), session.get_outputs())
     )
-    binding = loaded.session.io_binding()
+    binding = session.io_binding()
     for name, array in inputs.items():
         binding.bind_cpu_input(name, array)
     for name, array in outputs.items():

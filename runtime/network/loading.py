@@ -41,7 +41,6 @@ _UNSHUFFLE = 4
 DEFAULT_THREADS = 2
 KEPT = 2
 """Sessions kept without a network that uses them."""
-Shapes = dict[str, tuple[int, ...]]
 Bound = tuple[dict[str, Planes], dict[str, Planes], "IOBinding"]
 """Inputs and outputs of a network, by name, and the binding by which its session uses them."""
 Identity = tuple[int, ...]
@@ -60,8 +59,6 @@ class LoadedModel:
     """As asked for."""
     session: "InferenceSession"
     metadata: ModelMetadata
-    inputs: Shapes
-    outputs: Shapes
     head: Matrices | None
     """Of a network in two parts."""
     idle: deque[Bound] = field(default_factory=lambda: deque(maxlen=KEPT))
@@ -81,7 +78,7 @@ def opened(path: Path, threads: int | None = None) -> tuple[LoadedModel, bool]:
     Arguments and errors are those of `NetworkModel`: whoever asks for a file that cannot be loaded
     tries again.
     """
-    key = _key(path, threads)
+    key = _identity(path), threads
     loaded = _open.get(key)
     if waited := loaded is None:
         with _loading:
@@ -108,13 +105,9 @@ def begin_loading(model: object) -> None:
         return
     with suppress(NnppEdgeError, RuntimeError):  # the latter where no thread can be started
         path = model_path(model)
-        if _key(path, None) not in _open:
+        if (_identity(path), None) not in _open:
             # no daemon: a process that ends in the middle of an import of onnxruntime may crash
             threading.Thread(target=load, name="load a model").start()
-
-
-def _key(path: Path, threads: int | None) -> Key:
-    return _identity(path), threads
 
 
 def _identity(path: Path) -> Identity:
@@ -133,12 +126,11 @@ def _load(path: Path, key: Key) -> LoadedModel:
         cores = len(os.sched_getaffinity(0))
         count = 1 if metadata.input_size < TWO_THREADS_FROM else min(DEFAULT_THREADS, cores)
     session = open_session(path, count)
-    inputs, outputs = _shapes(metadata)
     with refused_as(
         ModelError, f"{path}: wanted an ONNX model, got one that does not fit its metadata"
     ):
         values = [*session.get_inputs(), *session.get_outputs()]
-        wanted = inputs | outputs
+        wanted = _shapes(metadata)
         got = {value.name: tuple(value.shape) for value in values}
         if got != wanted:
             raise ModelError(
@@ -150,7 +142,7 @@ def _load(path: Path, key: Key) -> LoadedModel:
             head = matrices_of(text, metadata.head)
     if _identity(path) != identity:
         raise ModelError(f"{path}: wanted an ONNX model, got one that changed while it was loaded")
-    return LoadedModel(threads, session, metadata, inputs, outputs, head)
+    return LoadedModel(threads, session, metadata, head)
 
 
 def open_session(path: Path, threads: int) -> "InferenceSession":
@@ -167,14 +159,16 @@ def open_session(path: Path, threads: int) -> "InferenceSession":
         return ort.InferenceSession(str(path), options, ["CPUExecutionProvider"], enable_fallback=0)
 
 
-def _shapes(m: ModelMetadata) -> tuple[Shapes, Shapes]:
-    """Of inputs and outputs by the metadata."""
+def _shapes(m: ModelMetadata) -> dict[str, tuple[int, ...]]:
+    """Of the input and the output, by name, by the metadata."""
     size = m.input_size
     if m.encoding == "unseen":
-        return {"input": (1, len(UNSEEN), size, size)}, {OUTPUT: (1, ANSWERS_UNSEEN, size, size)}
+        return {"input": (1, len(UNSEEN), size, size), OUTPUT: (1, ANSWERS_UNSEEN, size, size)}
     if m.encoding == "gaussian":
-        return {"input": (1, 3, size, size)}, {OUTPUT: (1, 1, m.blocks, m.blocks)}
+        return {"input": (1, 3, size, size), OUTPUT: (1, 1, m.blocks, m.blocks)}
     side = size // _UNSHUFFLE
     places = size // QUERY_SPACING
-    inputs: Shapes = {"map": (1, 2 * _UNSHUFFLE**2, side, side)}
-    return inputs, {PLACES: (1, 2 * m.head[0], places, places)}
+    return {
+        "map": (1, 2 * _UNSHUFFLE**2, side, side),
+        PLACES: (1, 2 * m.head[0], places, places),
+    }

@@ -18,9 +18,21 @@ METADATA_KEY = "nnpp_edge"
 HEAD_KEY = "nnpp_edge_head"
 """Of the head's parameters, in networks with the encoding ``ends``."""
 FORMAT: Final = "nnpp-edge-model-1"
-_BLOCK = "slope_across slope_down above_3 above_7 above_15 slope step blocked_by_slope known"
-_MAP = "limited factor cell"
-UNSEEN = tuple(f"{_BLOCK} {_MAP}".split())
+UNSEEN = (
+    "slope_across",
+    "slope_down",
+    "above_3",
+    "above_7",
+    "above_15",
+    "slope",
+    "step",
+    "blocked_by_slope",
+    "known",
+    # the same of all blocks of a map
+    "limited",
+    "factor",
+    "cell",
+)
 """Planes of a coarse map, in order; `above_n` are differences between means over n × n blocks
 (`network.unseen`).
 """

@@ -27,10 +27,21 @@ def parameter_shapes(sizes: tuple[int, ...]) -> tuple[tuple[int, int], ...]:
     `sizes` are the numbers that relate a place to an end, and the units of the two hidden layers.
     """
     relation, first, second = sizes
-    way = ((END_CHANNELS - 1, relation), (1, relation))
-    relations = ((relation, first), (1, first), (relation, first))
-    layers = (first, second), (1, second), (second, ANSWERS), (1, ANSWERS)
-    return *way, *relations, (BETWEEN_CHANNELS, first), *layers
+    return (
+        # a place in relation to an end
+        (END_CHANNELS - 1, relation),
+        (1, relation),
+        # what both relations, and what lies between the ends, give to the first layer
+        (relation, first),
+        (1, first),
+        (relation, first),
+        (BETWEEN_CHANNELS, first),
+        # from the first layer to the second, and to the answers
+        (first, second),
+        (1, second),
+        (second, ANSWERS),
+        (1, ANSWERS),
+    )
 
 
 def text_of(parameters: Float32s) -> str:
@@ -61,6 +72,12 @@ class PlaceHead:
 
     def answer(self, start: Point, goal: Point, sigma: float, out: Planes) -> None:
         """Probabilities, (2P, 2P) float32, into `out`."""
-        ends = (*start, *goal)
-        spacing = float(QUERY_SPACING)
-        answer_ends(ends, spacing, sigma, self._places, self._query, self._matrices, out)
+        answer_ends(
+            (*start, *goal),
+            float(QUERY_SPACING),
+            sigma,
+            self._places,
+            self._query,
+            self._matrices,
+            out,
+        )

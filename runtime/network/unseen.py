@@ -26,7 +26,7 @@ _NUMBERS = SlopePrice()
 
 
 def expected_by_slope(
-    slope: NDArray[np.floating], limits: Traversability, factor: int, numbers: SlopePrice = _NUMBERS
+    slope: NDArray[np.floating], limits: Traversability, factor: int
 ) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
     """Mean T, impassable cells apart, and share of impassable cells of blocks by their coarse slope
     (rad).
@@ -34,13 +34,13 @@ def expected_by_slope(
     T rises with the slope up to the limit φ_s. Where slopes are limited the share is a logistic
     function of the slope, the broader the more cells a block has.
     """
-    mean = numbers.floor + numbers.gain * np.minimum(
+    mean = _NUMBERS.floor + _NUMBERS.gain * np.minimum(
         slope / math.radians(limits.slope_limit_deg), 1.0
     )
     if not limits.hard_slope_deg < math.inf:
         return mean, np.zeros_like(mean)
     over = (slope / math.radians(limits.hard_slope_deg) - 1.0) / (
-        numbers.spread * math.sqrt(factor / 8.0)
+        _NUMBERS.spread * math.sqrt(factor / 8.0)
     ) + 0.9
     return mean, 1.0 / (1.0 + np.exp(-np.clip(over, -30.0, 30.0)))
 

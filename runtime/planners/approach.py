@@ -62,7 +62,7 @@ def place_towards(
     beyond: Mask,
     unknown: Mask,
     margin: int,
-    present: Cell | None = None,
+    present: Cell | None,
 ) -> Cell:
     """A cell that can be reached, on the way to a goal that perhaps cannot; the goal itself, if it
     can.

@@ -8,13 +8,14 @@ import cv2
 import numpy as np
 
 from nnpp_edge.runtime.arrays import Bool, Cells
-from nnpp_edge.runtime.cells import Rectangle, coarser, slices, widened
+from nnpp_edge.runtime.cells import Cell, Rectangle, cell_of, coarser, slices, widened
 from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels.tiles import BLOCK_SEEN
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.layers import Costs
 from nnpp_edge.runtime.map.state import MapState
+from nnpp_edge.runtime.options import STATES
 from nnpp_edge.runtime.planners.query import Found
 from nnpp_edge.runtime.robots.robot import Price
 from nnpp_edge.runtime.search.astar import Query
@@ -65,13 +66,15 @@ class BlockWay:
             costs = self._unseen.costs(part) / PRICE_SCALE
             self._map.update(*part[:2], np.where(shut, np.float32(np.inf), costs))
 
-    def ways(self, query: Query, work: Work, *, whole: bool) -> Iterator[tuple[Cells, int, Region]]:
+    def ways(self, query: Query, work: Work) -> Iterator[tuple[Cell, Region, Cells]]:
         """Ways, each around the obstacles by which the ones before it were blocked.
 
-        Of each the cells to go by, the middles of its blocks and the goal; up to which of them
-        cells are to be searched, and the blocks around these. That is as far as the first stretch
-        was seen, or the way on is blocked; or the `whole` way.
+        Of each the cell up to which cells are to be searched, the blocks around the way there, and
+        the cells (N, 2) that lead on from there to the goal, straight from block to block. The
+        search is to lead as far as the first stretch was seen, or the way on is blocked; a body's,
+        which does not lead over blocks, the whole way.
         """
+        whole = self._grid.robot.moves.over == STATES
         side = self._unseen.factor
         start = coarser(query.start, side)
         goal = coarser(query.goal, side)
@@ -90,7 +93,8 @@ class BlockWay:
             stops = way * side + side // 2
             stops[-1] = query.goal
             first = len(way) - 1 if whole else self._first(way, stops)
-            yield stops, first, self._around(way[: first + 1])
+            beyond = over(stops[first:])[1:]
+            yield cell_of(stops[first]), self._around(way[: first + 1]), beyond
             if (blocked := self._blocked(stops[: first + 1])) < 0:
                 return
             known = self._unseen.blocked > 0.0

@@ -17,6 +17,7 @@ from nnpp_edge.runtime.arrays import Bool, Cells, Float2D, Int32
 from nnpp_edge.runtime.cells import Cell, apart, as_cell, cell_of
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
+from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.map.changes import Change
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.memory import touch
@@ -163,8 +164,17 @@ class DynamicPlanner(OnMap):
 
     def __getstate__(self) -> dict[str, object]:
         """The map, the model, the ends, and the standing path: a copy begins anew with these."""
-        names = ("method", "goal", "goal_heading_deg", "_refines", "_start", "_direction")
-        own = {name: getattr(self, name) for name in (*names, "_wanted", "_aim")}
+        names = (
+            "method",
+            "goal",
+            "goal_heading_deg",
+            "_refines",
+            "_start",
+            "_direction",
+            "_wanted",
+            "_aim",
+        )
+        own = {name: getattr(self, name) for name in names}
         return super().__getstate__() | own | {"_standing": self._path.plan}
 
     @property
@@ -196,7 +206,7 @@ class DynamicPlanner(OnMap):
             raise InvalidQueryError(f"goal must lie inside the map of {self.shape}, got {cell}")
         self._wanted = None
         if heading_deg is not None and self._direction_of(heading_deg) >= 0:
-            self._wanted = self._state.grid.robot.moves.ends(None, heading_deg, 0.0)[1]
+            self._wanted = self._moves.ends(None, heading_deg, 0.0)[1]
         self.goal = cell
         self.goal_heading_deg = heading_deg
         self._looks_ahead = True
@@ -228,7 +238,7 @@ class DynamicPlanner(OnMap):
         """In which a body heads; -1 of others."""
         if not math.isfinite(heading_deg):
             raise InvalidQueryError(f"heading_deg must be a number of degrees, got {heading_deg}")
-        return self._state.grid.robot.moves.direction(heading_deg)
+        return self._moves.direction(heading_deg)
 
     def _place(self, deadline: Deadline = NEVER) -> Query:
         """Where the robot is, and where it is to go."""
@@ -429,7 +439,7 @@ class DynamicPlanner(OnMap):
         if at <= standing.index:
             return None
         lead = plan.rest(standing.index, at + 1)
-        direction = self._state.grid.robot.moves.arrival(lead.walked)
+        direction = self._moves.arrival(lead.walked)
         ahead = place._replace(start=cell_of(lead.path[-1]), direction=direction)
         return Searching(self._methods, ahead, searching.options, self._path.end, lead)
 
@@ -471,10 +481,9 @@ class DynamicPlanner(OnMap):
         path = self._joiner.join(way, place)
         if path is None:
             return None
-        ends = place.start, place.goal
         # `Found.of` adds what the height between the ends is worth
-        bound = grid.least_cost(*ends) - float(grid.robot.price.worth(*ends))
-        found = Found.of(grid, Search(Status.OK, path, 0, bound), Source.STANDING, None)
+        bound = float(octile.py_func(*place.start, *place.goal, *grid.prices))
+        found = Found.of(grid, Search(Status.OK, path, 0, bound), Source.STANDING)
         return found.plan(DynamicMethod(by), work, self._state, choice=_JOINED)
 
     def _join(self, place: Query, *, as_good: bool) -> Plan | None:

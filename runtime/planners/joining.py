@@ -61,10 +61,9 @@ class Joiner:
         index, away = nearest_on(path, place.start, place.direction)
         if away > JOIN_WITHIN:
             return None
-        way: Int32 | None = path[index:]
-        gap = self._blocked(path[index:])
-        if gap is not None:
-            way = self._led(path[index:], *gap, place)
+        rest: Int32 = path[index:]
+        first, last = self._blocked(rest)
+        way = rest if first < 0 else self._led(rest, first, last, place)
         if way is not None and not self._arrives(way, place):
             way = self._led(way, len(way) - 1, len(way) - 1, place)
         if way is not None and away != ON_IT:
@@ -81,8 +80,8 @@ class Joiner:
             return True
         return bool(place.wanted[self._moves.arrival(way)])
 
-    def _blocked(self, way: Int32) -> tuple[int, int] | None:
-        """Numbers of the first and the last state of a way that cannot be stepped on; None where it
+    def _blocked(self, way: Int32) -> tuple[int, int]:
+        """Numbers of the first and the last state of a way that cannot be stepped on; -1 where it
         is clear.
         """
         costs = np.empty(len(way))
@@ -92,7 +91,7 @@ class Joiner:
             if blocked < 0:
                 break
             last = max(blocked, last + 1)
-        return None if first < 0 else (first, last)
+        return first, last
 
     def _led(self, way: Int32, first: int, last: int, place: Query) -> Int32 | None:
         """A way in which another leads from some states before its `first` to some behind its

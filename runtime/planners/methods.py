@@ -18,7 +18,7 @@ from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.memory import small_pages
-from nnpp_edge.runtime.options import METHODS, STATES
+from nnpp_edge.runtime.options import METHODS
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Plan, Source
 from nnpp_edge.runtime.planners.query import Found, problem_with, told
 from nnpp_edge.runtime.planners.searchers import (
@@ -184,10 +184,10 @@ class Methods:
         robot = state.grid.robot
         ways = self.ways(method, query)
         by, why, _ = ways[0]
-        needs = METHODS[by].needs
+        needs = by.entry.needs
         if problem := problem_with(state.grid, query.start, query.goal):
             why = told(problem, query, robot)
-            return Plan(problem, METHODS[by].keeps or by, planner=by, reason=why)
+            return Plan(problem, by.entry.keeps or by, planner=by, reason=why)
         checked_before = robot.stance.checks
         large = state.grid.cells * robot.moves.states_a_node > SPARSE_FROM and needs
         try:
@@ -203,7 +203,7 @@ class Methods:
         assert found is not None
         if query.direction >= 0 or query.wanted is not None:  # no steps are counted there
             found = found._replace(lower_bound=found.lower_bound - robot.at_ends(query))
-        within = METHODS[by].bound
+        within = by.entry.bound
         if 1.0 < within < math.inf and found.search.status is Status.OK:
             found = found._replace(lower_bound=max(found.cost / within, 0.0))
         plan = found.plan(by, work, state, checked_before, choice=why, keep_regions=keep_regions)
@@ -244,13 +244,12 @@ class Methods:
         if self._repeated:
             self._goal = query.goal
         picked, why = pick_method(self.state, self._model, query.apart)
-        if self._repeated and picked != "astar":
-            picked = "corridor"
-            why = _NEW_CORRIDOR
         if picked == "astar":
             long = _NEW_CORRIDOR if self._repeated else f"{why}, but the way is long"
             near = Way(DynamicMethod.ASTAR, why, Methods.search_briefly)
             return [near, _way("corridor", long)]
+        if self._repeated:
+            return [_way("corridor", _NEW_CORRIDOR)]
         if picked == "nnpp":
             alone = partial(Methods.network_region, alone=True)
             return [Way(DynamicMethod.NNPP, why, alone), _way("corridor", _NONE_SUFFICES)]
@@ -285,7 +284,7 @@ class Methods:
 
     def search_map(self, query: Query, work: Work, source: Source = Source.MAP) -> Found:
         """The optimal path, by A* over the whole map; `source` says why that was searched."""
-        return Found.of(self.state.grid, self.astar.search(query, work, None), source, None)
+        return Found.of(self.state.grid, self.astar.search(query, work, None), source)
 
     def search_briefly(self, query: Query, work: Work) -> Found | None:
         """The optimal path; None where the way to the goal turns out too long for its distance."""
@@ -293,14 +292,14 @@ class Methods:
         found = self.astar.search(query, work, None, limit=limit)
         if found.status is Status.TIMEOUT:
             return None
-        return Found.of(self.state.grid, found, Source.MAP, None)
+        return Found.of(self.state.grid, found, Source.MAP)
 
     def mend_map(self, query: Query, work: Work) -> Found:
         """The optimal path, by D* Lite over the whole map; by A* where steps cost too differently
         for that.
         """
         search = self.mending_map.search(query, work, None)
-        return Found.of(self.state.grid, search, Source.MAP, None)
+        return Found.of(self.state.grid, search, Source.MAP)
 
     def corridor(
         self,
@@ -325,25 +324,22 @@ class Methods:
         """A path over cells as far as these were seen, and over blocks' middles beyond; None if
         none leads on.
         """
-        state, grid = self.state, self.state.grid
-        assert state.unseen is not None
+        grid = self.state.grid
+        unseen = self.state.unseen
+        assert unseen is not None
         way = self.blocks  # before what is new is read: it begins with all
         way.read(query.deadline)
-        if not state.unseen.left:
+        if not unseen.left:
             return None
-        whole = grid.robot.moves.over == STATES  # which do not lead over blocks
-        for stops, first, region in way.ways(query, work, whole=whole):
-            goal = query.goal if whole else (int(stops[first, 0]), int(stops[first, 1]))
+        for goal, region, beyond in way.ways(query, work):
             search = self.astar.search(query._replace(goal=goal), work, region)
             if search.status is not Status.NO_PATH:
                 path = search.path
-                if search.status is Status.OK and not whole:
-                    from nnpp_edge.runtime.planners.by_blocks import over
-
-                    path = np.concatenate((path[:-1], over(stops[first:])))
+                if search.status is Status.OK and len(beyond):
+                    path = np.concatenate((path, beyond))
                 bound = float(octile.py_func(*query.start, *query.goal, *grid.prices))
                 search = search._replace(path=path, refused_f=bound)
-                return Found.of(grid, search, Source.REGION, None)
+                return Found.of(grid, search, Source.REGION)
         return None
 
     def network_region(
@@ -362,9 +358,14 @@ class Methods:
         if query.apart < self._ask_from and (near := self.search_briefly(query, work)) is not None:
             return near
         level, top = self._network_level(query.deadline)
-        place = level, top, self.descent.workspace(top)
         td, at_td, regions = self.regions.regions(
-            query.start, query.goal, *place, work, query.deadline
+            query.start,
+            query.goal,
+            level,
+            top,
+            self.descent.workspace(top),
+            work,
+            query.deadline,
         )
         for number, region in enumerate(regions):
             source = Source.WIDENED if number else Source.REGION

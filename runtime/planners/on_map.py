@@ -28,6 +28,7 @@ from nnpp_edge.runtime.options import PlannerOptions
 from nnpp_edge.runtime.planners.methods import Methods, file_of
 from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.runtime.planners.query import in_words, problem_with
+from nnpp_edge.runtime.robots.robot import CellMoves
 from nnpp_edge.runtime.search.astar import cost_field
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.tuning import NEAR
@@ -132,6 +133,10 @@ class OnMap:
         return self._state
 
     @property
+    def _moves(self) -> CellMoves:
+        return self._state.grid.robot.moves
+
+    @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns of the map."""
         return self._state.shape
@@ -151,7 +156,7 @@ class OnMap:
         InvalidQueryError without a body on a map of elevations, for what is no cell of the map, or
         a heading that is no number.
         """
-        return self._state.grid.robot.moves.explain(as_cell(cell, "cell"), heading_deg)
+        return self._moves.explain(as_cell(cell, "cell"), heading_deg)
 
     @checked(InvalidQueryError)
     @one_at_a_time
@@ -253,7 +258,7 @@ class OnMap:
         if problem := problem_with(grid, cell, cell):
             raise InvalidQueryError(f"start {cell} {in_words(problem)}")
         # of its own: another search may be paused meanwhile
-        memory = Workspace(len(grid.weights), grid.robot.moves.states_a_node, sparse=True)
+        memory = Workspace(len(grid.weights), self._moves.states_a_node, sparse=True)
         field = cost_field(grid, cell, memory)
         field[field > within] = np.inf
         return field

@@ -20,17 +20,18 @@ def draw(
     line: Line,
     region: Region | None,
     title: str,
-    axes: "Axes | None" = None,
-    sides_m: tuple[float, float] | None = None,
+    axes: "Axes | None",
+    sides_m: tuple[float, float] | None,
 ) -> "Axes":
     """Draw a line, (N, 2), with its ends; see `Plan.plot`. Where the sides of a cell are known the
     axes count metres.
     """
-    if axes is None:
-        axes = optional_module("matplotlib.pyplot", "plan.plot()", "viz").subplots(
+    drawn: Axes = (
+        axes
+        or optional_module("matplotlib.pyplot", "plan.plot()", "viz").subplots(
             layout="constrained"
         )[1]
-    drawn: Axes = axes
+    )
     if region is not None:
         drawn.imshow(
             np.where(region.mask(), 1.0, np.nan), cmap="cool", vmin=1.0, vmax=2.0, alpha=0.35

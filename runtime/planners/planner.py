@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Unpack
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Bool, Float2D
 from nnpp_edge.runtime.cells import Cell, as_cell
-from nnpp_edge.runtime.deadline import NEVER, Deadline
+from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.options import PlannerOptions, PlanOptions
@@ -138,8 +138,8 @@ class Planner(OnMap):
         """
         work = Work()  # the looks at the arguments count
         asked = options_of(**options)
-        refining = "refine" in asked and self._frees(asked["refine"])
-        deadline = _deadline(asked)
+        refining = self._frees(asked.get("refine"))
+        deadline = Deadline.within(asked.get("time_limit_s", math.inf))
         plan = self._on_grid(start, goal, asked, work, deadline)
         return self._refined(plan, refining, deadline)
 
@@ -174,7 +174,7 @@ class Planner(OnMap):
         asked = options_of(**options)
         grid = self._state.grid
         refining = self._frees(asked.get("refine"))
-        deadline = _deadline(asked)
+        deadline = Deadline.within(asked.get("time_limit_s", math.inf))
         between = [as_cell(cell, f"via {at}") for at, cell in enumerate(via, 1)]
         stops = [as_cell(start, "start"), *between, as_cell(goal, "goal")]
         memory = self._methods.astar.workspace
@@ -198,9 +198,7 @@ class Planner(OnMap):
         came, and whether from the start; else from the goal.
         """
         memory = self._methods.exhausted
-        return self._state.grid.robot.moves.came_to(
-            self._state.grid, as_cell(start, "start"), memory
-        )
+        return self._moves.came_to(self._state.grid, as_cell(start, "start"), memory)
 
     def _on_grid(
         self,
@@ -217,10 +215,14 @@ class Planner(OnMap):
         goal_deg = asked.get("goal_heading_deg")
         if start_deg is not None or goal_deg is not None:
             tolerance = asked.get("goal_tolerance_deg", 0.0)
-            begin, wanted = self._state.grid.robot.moves.ends(start_deg, goal_deg, tolerance)
+            begin, wanted = self._moves.ends(start_deg, goal_deg, tolerance)
             direction = begin if direction < 0 else direction
         epsilon = asked.get("epsilon", math.inf)
-        query = Query.of(start, goal, deadline, epsilon, direction, wanted)
+        if not epsilon >= 0.0:
+            raise InvalidQueryError(f"epsilon must be a number of at least 0, got {epsilon}")
+        query = Query(
+            as_cell(start, "start"), as_cell(goal, "goal"), epsilon, deadline, direction, wanted
+        )
         method = Method(asked.get("method", Method.AUTO))
         keep = asked.get("keep_regions", False)
         return self._methods.plan(query, work, method, keep_regions=keep)
@@ -230,7 +232,3 @@ class Planner(OnMap):
         if refining:
             return self._freed(plan, deadline)
         return plan if plan.states is None else plan.over(self._state)
-
-
-def _deadline(asked: PlanOptions) -> Deadline:
-    return Deadline.within(asked["time_limit_s"]) if "time_limit_s" in asked else NEVER

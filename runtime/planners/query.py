@@ -12,7 +12,7 @@ from nnpp_edge.runtime.cells import Cell, cell_of
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.state import MapState
-from nnpp_edge.runtime.options import METHODS, PlanOptions
+from nnpp_edge.runtime.options import PlanOptions
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan, Source
 from nnpp_edge.runtime.robots.robot import Robot
 from nnpp_edge.runtime.search.astar import Query, Search
@@ -46,7 +46,9 @@ class Found(NamedTuple):
     threshold: float = math.nan
 
     @classmethod
-    def of(cls, grid: Grid, search: Search, source: Source, region: Region | None) -> "Found":
+    def of(
+        cls, grid: Grid, search: Search, source: Source, region: Region | None = None
+    ) -> "Found":
         """Of a search of the map, or of a region of it."""
         path = search.path  # of a search: it lies on the map
         costs = grid.robot.price.costs_of(grid, path)
@@ -87,7 +89,7 @@ class Found(NamedTuple):
         states = search.path[:, 2] if search.path.shape[1] == 3 else None
         plan = Plan(
             search.status,
-            Method(METHODS[by].keeps or by),
+            Method(by.entry.keeps or by),
             self.source,
             path,
             self.cost,
@@ -111,10 +113,11 @@ class Found(NamedTuple):
         work.timings_ms["total"] = work.total_ms()
         if not keep_regions:
             return plan
-        region, learned = (
-            None if found is None else found.copy() for found in (self.region, self.network_region)
+        return replace(
+            plan,
+            region=self.region and self.region.copy(),
+            network_region=self.network_region and self.network_region.copy(),
         )
-        return replace(plan, region=region, network_region=learned)
 
 
 def problem_with(grid: Grid, start: Cell, goal: Cell) -> Status | None:
@@ -123,13 +126,11 @@ def problem_with(grid: Grid, start: Cell, goal: Cell) -> Status | None:
     """
     if not grid.holds(start):
         return Status.START_OUTSIDE_MAP
-    if not grid.holds(goal):
-        stands = grid.is_passable(start)
-        return Status.GOAL_OUTSIDE_MAP if stands else Status.START_BLOCKED
-    starts, ends = grid.robot.stance.stands_at(grid, start, goal)
-    if not starts:
+    if not grid.is_passable(start):
         return Status.START_BLOCKED
-    return None if ends else Status.GOAL_BLOCKED
+    if not grid.holds(goal):
+        return Status.GOAL_OUTSIDE_MAP
+    return None if grid.is_passable(goal) else Status.GOAL_BLOCKED
 
 
 def told(problem: Status, query: Query, robot: Robot) -> str:

@@ -50,8 +50,9 @@ def refined(plan: Plan, state: MapState, deadline: Deadline = NEVER) -> Plan:
         return plan
     watch = Work()
     room = state.room or NO_DISC
-    steps = (ANY_ANGLE, WAY_POINT_SAVES, deadline.at)
-    points, cost = freed(state.grid.packed, room, plan.path, *steps)
+    points, cost = freed(
+        state.grid.packed, room, plan.path, ANY_ANGLE, WAY_POINT_SAVES, deadline.at
+    )
     along = state.along(points)
     took = watch.total_ms()
     total = plan.timings_ms.get("total", 0.0) + took

@@ -24,6 +24,7 @@ from enum import StrEnum
 
 import numpy as np
 
+from nnpp_edge.runtime.arrays import Floats, Int32
 from nnpp_edge.runtime.cells import Cell, Rectangle, cell_of
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.nodes import octile
@@ -102,38 +103,42 @@ class StandingPath:
     and those that changed, not by the map.
     """
 
+    plan: Plan | None = None
+    """The plan whose path stands; to be changed by the methods alone."""
+    end: Cell | None = None
+    """Where the path leads."""
+
+    # of that path, from `set` on
+    _way: Int32
+    _walked: Floats
+    """Costs from the start to each state."""
+    _least: Floats
+    """Costs of the path had the plan been optimal, and by its bound."""
+    _passed: int
+    """Number of the state that a body has passed last."""
+    _searched: float
+    _excess: float
+    """What the path cost when it was last searched for, and by how much it costs more since it was
+    joined.
+    """
+    _changed: int
+    """Cells that have changed since then, where no old costs are kept."""
+    _parts: list[Rectangle]
+    """Where poses or directed steps have changed since the path was set: of these no old costs are
+    kept.
+    """
+
     def __init__(self, state: MapState) -> None:
         self._grid = state.grid
         self._by_parts = not state.grid.robot.by_weights
         nodes = 0 if self._by_parts else len(state.grid.weights)
         self._changes = state.log.reader(keeps_old_weights=not self._by_parts)
-        self._parts: list[Rectangle] = []
-        """Where poses or directed steps have changed since the path was set: of these no old costs
-        are kept.
-        """
         self._before = np.empty(nodes, np.float32)
         """Weights of changed nodes when the path was set."""
         self._noted = np.zeros(nodes, np.bool_)
         """The nodes that stand in `_before`."""
         self._touched = np.empty(nodes, np.int32)
         self._count = 0
-        self.plan: Plan | None = None
-        """The plan whose path stands; to be changed by the methods alone."""
-        self._way = np.empty((0, 2), np.int32)
-        self.end: Cell | None = None
-        """Where the path leads."""
-        self._walked = self._least = np.empty(0)
-        """Costs from the start to each state; and of the path had the plan been optimal, and by its
-        bound.
-        """
-        self._passed = 0
-        """Number of the state that a body has passed last."""
-        self._searched = self._excess = 0.0
-        """What the path cost when it was last searched for, and by how much it costs more since
-        it was joined.
-        """
-        self._changed = 0
-        """Cells that have changed since then, where no old costs are kept."""
 
     def set(self, plan: Plan) -> None:
         """Follow this plan's path from now on; the plan must have been made on the map as it is
@@ -260,13 +265,27 @@ class StandingPath:
             self._savings((0, 0), (0, 0))
 
     def _note(self, change: Change) -> None:
-        noted = (self._before, self._noted, self._touched)
-        self._count = remember(change.nodes, change.old_weights, *noted, self._count)
+        self._count = remember(
+            change.nodes,
+            change.old_weights,
+            self._before,
+            self._noted,
+            self._touched,
+            self._count,
+        )
 
     def _savings(self, at: Cell, goal: Cell) -> tuple[float, float, float]:
         grid = self._grid
-        noted = (grid.weights, self._before, self._touched, self._count)
-        saved, by_cheaper, by_opened = savings(*noted, grid.stride, at, goal, grid.prices)
+        saved, by_cheaper, by_opened = savings(
+            grid.weights,
+            self._before,
+            self._touched,
+            self._count,
+            grid.stride,
+            at,
+            goal,
+            grid.prices,
+        )
         if not grid.corner_cutting:
             # beside a cell that was opened, a diagonal step may have become allowed
             by_opened -= 2.0 * grid.prices[0]

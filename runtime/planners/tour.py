@@ -106,7 +106,7 @@ def tour(
                 f"the best order is found of at most {MOST_ORDERED} places, got {count}"
             )
         with suppress(OutOfTimeError):
-            order, given_cost = legs.best_order(nearest, deadline)
+            order, given_cost = legs.best_order(given, nearest, deadline)
 
     def by(order: Order) -> Tour:
         found = legs.driven(order, finish)
@@ -174,7 +174,9 @@ class _Legs:
                 break
         return found
 
-    def best_order(self, nearest: Nearest | None, deadline: Deadline) -> tuple[Order, float]:
+    def best_order(
+        self, given: Order, nearest: Nearest | None, deadline: Deadline
+    ) -> tuple[Order, float]:
         """The cheapest order of the stops between the first and the last, and what the order given
         costs.
 
@@ -184,7 +186,6 @@ class _Legs:
         OutOfTimeError at the deadline.
         """
         stops = self._stops
-        given = tuple(range(len(stops) - 2))
         known = np.eye(len(stops), dtype=np.bool_)
         legs = self.along(given)
         costs = np.array([[self._grid.least_cost(begin, end) for end in stops] for begin in stops])
@@ -215,7 +216,7 @@ class _Legs:
         return list(itertools.pairwise(visited))
 
 
-def _cheapest_order(costs: Floats, deadline: Deadline = NEVER) -> tuple[Order, float]:
+def _cheapest_order(costs: Floats, deadline: Deadline) -> tuple[Order, float]:
     """The cheapest order of the stops between the first and the last, and what the order given
     costs.
 

@@ -95,15 +95,18 @@ class RegionFinder:
         self.stamp += 1
         grid = level.grid
         start, goal = ends
-        walked = probability, lookup, grid.packed, level.links
-        nodes = (grid.node(*start), grid.node(*goal))
-        asked = (
-            (*nodes, blocks, touching, factor),  # `records.RegionQuery`
+        td = kernels.first_regions(
+            probability,
+            lookup,
+            grid.packed,
+            level.links,
+            # `records.RegionQuery`
+            (grid.node(*start), grid.node(*goal), blocks, touching, factor),
             tuple(self._memory),
             (workspace.g, workspace.meta, workspace.next_stamp()),  # `records.Searched`
             (self.stamp, self.at_td, self.bitmap),  # `records.RegionMarks`
+            deadline.at,
         )
-        td = kernels.first_regions(*walked, *asked, deadline.at)
         if td == kernels.TOO_LATE:
             raise OutOfTimeError
         return int(td)
@@ -180,8 +183,17 @@ class LearnedRegions:
         lookup, touching = view.lookup_at(level.grid, number)
         ends = (coarser(start, factor), coarser(goal, factor))
         blocks = view.block(start), view.block(goal)
-        place = workspace, lookup, ends, blocks
-        td = finder.first(probability, level, *place, share, touching=touching, deadline=deadline)
+        td = finder.first(
+            probability,
+            level,
+            workspace,
+            lookup,
+            ends,
+            blocks,
+            share,
+            touching=touching,
+            deadline=deadline,
+        )
         at_td = Region(finder.at_td, *view.lookup, finder.stamp)
         stopwatch.stage_ends("threshold")
 

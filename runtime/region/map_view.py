@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from nnpp_edge.runtime.arrays import Float32s
-from nnpp_edge.runtime.cells import Cell, Rectangle, apart, common
+from nnpp_edge.runtime.cells import Cell, Rectangle, apart, common, enclosing, widened
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import users_line
 from nnpp_edge.runtime.kernels.pooling import FACTOR
@@ -56,13 +56,7 @@ class MapView:
         """The window at the network's size, as it was when the network was last shown it,
         or later.
         """
-        self._shown = self.planes
-        """The planes that the network saw last."""
         self._changes = state.log.reader()
-        self._drift = math.inf
-        """Share of the window that has changed since the network saw it: by its cells or, where
-        measured, planes.
-        """
         self._show_window((0, 0, *self._grid.shape))
         trained = GREY_LEVELS * metadata.omega
         if steps.kind is StepCost.PAPER and not 0.5 * trained <= steps.scale <= 2.0 * trained:
@@ -95,6 +89,7 @@ class MapView:
         self._average_changes(deadline)
         self.network.set_map(self.planes)
         self._shown = self.planes.copy()
+        """The planes that the network saw last."""
         self._drift = 0.0
 
     def block(self, cell: Cell) -> Cell:
@@ -116,6 +111,9 @@ class MapView:
         self.lookup = _lookup(self._place)
         """The block that each row and column of the map lies in."""
         self._drift = math.inf
+        """Share of the window that has changed since the network saw it: by its cells or, where
+        measured, planes.
+        """
         self._changes.skip()
         self.planes[:] = 1.0
         self._stale = [(0, 0, rows, cols)]
@@ -174,18 +172,14 @@ class MapView:
             corner.append(min(max(first, 0), max(cells - side, 0)))
         return corner[0], corner[1], min(side, shape[0]), min(side, shape[1])
 
-    def _holds(self, *cells: Cell) -> bool:
+    def _holds(self, start: Cell, goal: Cell) -> bool:
         """Whether the window holds these cells, and an eighth of its side around them where the map
         goes on.
         """
-        for axis, whole in enumerate(self._grid.shape):
-            first = self.window[axis]
-            side = self.window[axis + 2]
-            low = first + side // 8 * (first > 0)
-            high = first + side - side // 8 * (first + side < whole)
-            if not all(low <= cell[axis] < high for cell in cells):
-                return False
-        return True
+        _, _, rows, cols = self.window
+        ends = enclosing(((*start, 1, 1), (*goal, 1, 1)))
+        around = widened(ends, (rows // 8, cols // 8), self._grid.shape)
+        return common(around, self.window) == around
 
 
 # kept by their shapes, for the next map

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from nnpp_edge.runtime.arrays import Bool, Cells, Float2D, Float32s, Floats, Int64, UInt8
-from nnpp_edge.runtime.cells import Cell, as_cell
+from nnpp_edge.runtime.cells import Cell, apart
 from nnpp_edge.runtime.deadline import NEVER, Deadline
-from nnpp_edge.runtime.errors import InvalidQueryError, Status
+from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels import expansion as kernels
 from nnpp_edge.runtime.kernels.expansion import NO_LINKS
 from nnpp_edge.runtime.kernels.nodes import EXHAUSTED, FOUND, FULL, PAUSED
@@ -75,29 +75,10 @@ class Query(NamedTuple):
     wanted: Bool | None = None
     """(16,) directions in which it may arrive; None where any will do."""
 
-    @classmethod
-    def of(
-        cls,
-        start: Cell,
-        goal: Cell,
-        deadline: Deadline,
-        epsilon: float = math.inf,
-        direction: int = -1,
-        wanted: Bool | None = None,
-    ) -> "Query":
-        """From what a user gave; InvalidQueryError for what is no cell, or a number below 0."""
-        if not epsilon >= 0.0:
-            raise InvalidQueryError(f"epsilon must be a number of at least 0, got {epsilon}")
-        return cls(
-            as_cell(start, "start"), as_cell(goal, "goal"), epsilon, deadline, direction, wanted
-        )
-
     @property
     def apart(self) -> int:
         """Cells between start and goal, as the king moves."""
-        rows = abs(self.start[0] - self.goal[0])
-        cols = abs(self.start[1] - self.goal[1])
-        return max(rows, cols)
+        return apart((*self.start, 1, 1), self.goal)
 
 
 class Search(NamedTuple):
@@ -239,10 +220,10 @@ def allowed(region: Region | None) -> Parts:
 def spreading(grid: "Grid", links: UInt8 = NO_LINKS) -> Spreading:
     """How a point's costs spread."""
     edges = grid.robot.price.edges()
-    steps = (grid.packed, edges, links)
+    before = (grid.packed, edges, links, kernels.NO_REGION, kernels.NO_HINTS)
     width = bucket_width(grid, edges)
     rule = Rule(0.0, 0.0, width, _successors(grid, links, edges), kernels.BELOW)
-    return Spreading(kernels.expand, (*steps, kernels.NO_REGION, kernels.NO_HINTS), rule)
+    return Spreading(kernels.expand, before, rule)
 
 
 def settle_all(

@@ -12,7 +12,7 @@ import numpy as np
 from nnpp_edge.runtime.arrays import Bool
 from nnpp_edge.runtime.cells import Cell, Rectangle, widened
 from nnpp_edge.runtime.deadline import NEVER, Deadline
-from nnpp_edge.runtime.errors import InvalidQueryError, Status
+from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels import dstar as kernels
 from nnpp_edge.runtime.kernels.nodes import FOUND, PAUSED, octile
 from nnpp_edge.runtime.options import CELLS
@@ -62,7 +62,7 @@ class DStarLite:
     def set_goal(self, goal: Cell, region: Region | None = None) -> None:
         """Another goal, in the whole map or a region: the search starts afresh."""
         self.goal = goal
-        self._goal = self._start = self._node(goal, "goal")
+        self._goal = self._start = self._grid.node(*goal)
         self.region = Region.everywhere(*self._grid.shape) if region is None else region.copy()
         self._begin(self._grid.prices)
 
@@ -104,20 +104,25 @@ class DStarLite:
         length = kernels.trace(*search, path)
         return Search(Status.OK, path[:length].copy(), expansions)
 
-    def _node(self, cell: Cell, name: str) -> int:
-        if not self._grid.holds(cell):
-            raise InvalidQueryError(
-                f"{name} must lie inside the map of {self._grid.shape}, got {tuple(cell)}"
-            )
-        return self._grid.node(int(cell[0]), int(cell[1]))
-
     @property
     def _search(self) -> Parts:
         """As kernels take it."""
-        start = (self._start, *divmod(self._start, self._grid.stride))
-        place = (self._goal, *start, *self._prices, self._km)
-        known = (self.g, self.rhs, self.keys, self.nodes, self.slots, self.size)
-        return (self._grid.packed, tuple(self.region), *place, *known), self._edges
+        search = (  # `records.DStar`
+            self._grid.packed,
+            tuple(self.region),
+            self._goal,
+            self._start,
+            *divmod(self._start, self._grid.stride),
+            *self._prices,
+            self._km,
+            self.g,
+            self.rhs,
+            self.keys,
+            self.nodes,
+            self.slots,
+            self.size,
+        )
+        return search, self._edges
 
     def _begin(self, prices: Iterable[float]) -> None:
         """Forget all that was found. No straight and no diagonal step costs less than `prices`."""
@@ -139,7 +144,7 @@ class DStarLite:
 
     def _move_start(self, start: Cell) -> None:
         """Paths lead from `start` from now on."""
-        node = self._node(start, "start")
+        node = self._grid.node(*start)
         if node == self._start:
             return
         left = self._grid.cell(self._start)

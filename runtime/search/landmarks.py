@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from nnpp_edge.runtime.arrays import Bool, UInt8
-from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.cells import Cell, nearest
 from nnpp_edge.runtime.kernels.expansion import MOST_LANDMARKS, NO_LINKS
 from nnpp_edge.runtime.kernels.records import Hints
 from nnpp_edge.runtime.search.astar import settle_all
@@ -97,11 +97,6 @@ def _nearest(chosen: Bool, grid: "Grid", down: float, right: float) -> Cell | No
     """Of the nodes chosen, the cell nearest a place given in shares of the map's height
     and width.
     """
-    nodes = np.flatnonzero(chosen)
-    if len(nodes) == 0:
-        return None
-    rows, cols = np.divmod(nodes, grid.stride)
-    rows_apart = rows - 1 - down * (grid.rows - 1)
-    cols_apart = cols - 1 - right * (grid.cols - 1)
-    at = int(np.argmin(rows_apart**2 + cols_apart**2))
-    return int(rows[at]) - 1, int(cols[at]) - 1
+    cells = grid.inner(chosen)
+    place = down * (grid.rows - 1), right * (grid.cols - 1)
+    return nearest(cells, place) if cells.any() else None

@@ -68,5 +68,6 @@ class Region(records.RegionRecord):
 
     def copy(self) -> "Region":
         """This region with arrays of its own, which no later search overwrites."""
-        row_block = self.row_block.copy()
-        return Region(self.blocks().astype(np.int32), row_block, self.col_block.copy(), 1)
+        return Region(
+            self.blocks().astype(np.int32), self.row_block.copy(), self.col_block.copy(), 1
+        )

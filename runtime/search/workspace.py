@@ -60,8 +60,6 @@ class Workspace:
     search at a time.
     """
 
-    states = 1
-
     def __init__(self, nodes: int, states: int = 1, *, sparse: bool = False) -> None:
         self.field = Workspace(nodes) if states > 1 else None
         """Memory of a search of the nodes that goes before one of their states."""
@@ -86,10 +84,6 @@ class Workspace:
         no search comes to.
         """
         return int(self.meta[0])
-
-    @stamp.setter
-    def stamp(self, number: int) -> None:
-        self.meta[0] = number
 
     @property
     def packed(self) -> Packed:
@@ -141,7 +135,7 @@ class Workspace:
         if number > LAST_STAMP:
             self.meta[1::2] = 0
             number = 1
-        self.stamp = number
+        self.meta[0] = number
         return number
 
     @cached_property
