@@ -31,7 +31,6 @@ class Heights(Lowest):
     """
 
     name = "heights"
-    rim = 1
 
     def __init__(
         self, ground: Ground, model: StepModel, corner_cutting: bool, unseen: "Unseen | None" = None
@@ -95,24 +94,25 @@ class Heights(Lowest):
 
     def cost(self) -> Float2D:
         dy, dx = self._sides
-        known = self.known((0, 0, *self.array.shape)).copy()
+        whole = (0, 0, *self.array.shape)
+        known = self.known(whole).copy()
         cost = traversability_cost(
             known, dy, self.limits, cell_width_m=dx, warn=False, layers=self.given
         )
         if self.unseen is None:
             return cost
-        return np.where(self.unknown(slice(None), slice(None)), self.unseen.at(), cost)
+        return np.where(self.unknown(whole), self.unseen.prices(whole), cost)
 
-    def unknown(self, rows: slice, cols: slice) -> Bool:
-        unknown: Bool = ~np.isfinite(self.array[rows, cols])
-        return unknown if self.unseen is None else unknown | self.unseen.unknown(rows, cols)
+    def unknown(self, part: Rectangle) -> Bool:
+        unknown: Bool = ~np.isfinite(self.array[slices(part)])
+        return unknown if self.unseen is None else unknown | self.unseen.unknown(part)
 
     def known(self, part: Rectangle) -> Float2D:
         """Heights of a part, NaN where they mean nothing."""
         here: Float2D = self.array[slices(part)]
         if self.unseen is None:
             return here
-        return np.where(self.unknown(*slices(part)), np.float32(np.nan), here)
+        return np.where(self.unknown(part), np.float32(np.nan), here)
 
     def added(self, part: Rectangle) -> Float2D:
         """(h, w) what the layers given add to the costs of a part; (0, 0) without any."""

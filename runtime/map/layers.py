@@ -24,8 +24,6 @@ class Layer(ABC):
 
     name: ClassVar[str]
     """By which patches come to it."""
-    rim: ClassVar[int] = 0
-    """Cells around a new number that weigh anew."""
 
     def read(self, patch: Float2D) -> Float2D:
         """A patch (h, w) as the layer keeps it; InvalidMapError where it is none."""
@@ -54,7 +52,7 @@ class Lowest(Layer):
         """As `MapState.cost`, by this layer alone."""
 
     @abstractmethod
-    def unknown(self, rows: slice, cols: slice) -> Bool:
+    def unknown(self, part: Rectangle) -> Bool:
         """As `MapState.unknown`."""
 
 
@@ -89,7 +87,7 @@ class Costs(Lowest):
             cost[self._unknown] = np.nan
         return cost
 
-    def unknown(self, rows: slice, cols: slice) -> Bool:
-        shape = self.grid.shape
-        unknown = np.zeros(shape, np.bool_) if self._unknown is None else self._unknown
-        return unknown[rows, cols].copy()
+    def unknown(self, part: Rectangle) -> Bool:
+        if self._unknown is None:
+            return np.zeros(part[2:], np.bool_)
+        return self._unknown[slices(part)].copy()

@@ -179,7 +179,7 @@ class MapState:
             change = self.grid.update(weights, around[:2], keep_old_weights=keeps, weights=True)
         if self.unseen is not None:
             self.unseen.note(new)
-        change = self.grid.robot.follow(change, new, self, heights=changed.rim > 0)
+        change = self.grid.robot.follow(change, new, self, heights=changed is self.heights)
         if change.cells:
             self.log.append(change)
         return change
@@ -203,13 +203,13 @@ class MapState:
         if heights is None:
             return None
         base = np.asarray(heights.base, heights.array.dtype)
-        return np.where(self.unknown(), np.nan, heights.array + base)
+        return np.where(self.unknown((0, 0, *self.shape)), np.nan, heights.array + base)
 
-    def unknown(self, rows: slice = slice(None), cols: slice = slice(None)) -> Bool:
-        """Cells of which nothing is known, of the map or a part; a map of costs tells only if it
-        was to keep them.
+    def unknown(self, part: Rectangle) -> Bool:
+        """(h, w) cells of a part of the map of which nothing is known; a map of costs tells only
+        if it was to keep them.
         """
-        return self._lowest.unknown(rows, cols)
+        return self._lowest.unknown(part)
 
     def known_along(self, path: Cells) -> int:
         """Number of the cells of a path (N, 2), from its first on, that are known, with all under a
