@@ -109,15 +109,13 @@ class Pyramid:
     def _pool(self, changed: Rectangle) -> Iterator[None]:
         """The work of `update`, stripe by stripe."""
         finest = self.levels[0].grid
-        if finest.tiles is not None:  # pooled anew already, but for directed steps
-            for level in self.levels[1:]:
-                level.version += 1
-            yield from finest.robot.price.pool(self.levels[1:], changed)
-            return
         part = changed
         obstacle = self.obstacle_weight
         greatest = max(finest.greatest, obstacle)
         for fine, coarse in itertools.pairwise(self.levels):
+            coarse.version += 1
+            if finest.tiles is not None:  # pooled anew already, but for directed steps
+                continue
             row, col, rows, cols = above(part, FACTOR)
             grid = coarse.grid
             least = math.inf
@@ -133,7 +131,6 @@ class Pyramid:
             # heuristic the better
             whole = (rows, cols) == grid.shape
             grid.set_bounds(least if whole else min(least, grid.least), greatest)
-            coarse.version += 1
             # what is connected under the level above changes with the links on the rim
             part = widened((row, col, rows, cols), (1, 1), grid.shape)
         yield from finest.robot.price.pool(self.levels[1:], changed)
