@@ -119,8 +119,8 @@ def _exercise_body_kernels(dem: Float2D) -> None:
     flat = Planner.of_elevation(np.zeros_like(dem), 1.0, vehicle=car, warn=False)
     flat.plan((20, 12), (130, 12), start_heading_deg=90.0, goal_heading_deg=90.0)
     state = planner.state
-    coarse = CoarseLevel(state.pyramid.levels[1])
-    finest, *_ = state.pyramid.levels
+    finest, above, *_ = state.pyramid.levels
+    coarse = CoarseLevel(above)
     nothing = np.zeros((2 * coarse.grid.rows, 2 * coarse.grid.cols), np.int32)
     coarse.close_dead_ends(
         Region(nothing, *finest.quarters, 1), Workspace(len(finest.grid.weights)), state.shape

@@ -23,8 +23,6 @@ from nnpp_edge.runtime.arrays import (
     Cells,
     Float2D,
     Float32s,
-    UInt8,
-    UInt16,
     close_border,
 )
 from nnpp_edge.runtime.bands import in_bands, stripes
@@ -100,6 +98,26 @@ def rectangle_of(area: tuple[int, int, int, int]) -> Rectangle:
     return row0, col0, row1 - row0, col1 - col0
 
 
+class CoarseRoom:
+    """Room for coarse levels of these shapes, finest first: weights, pieces and links, padded."""
+
+    def __init__(self, shapes: list[tuple[int, int]]) -> None:
+        sizes = [(rows + 2) * (cols + 2) for rows, cols in shapes]
+        firsts = [0, *itertools.accumulate(sizes)]
+        size = firsts[-1]
+        self.weights = np.zeros(size, np.float32)
+        self.pieces = np.zeros(size, np.uint16)
+        self.links = np.zeros(size, np.uint8)
+        self.parts = [slice(*ends) for ends in itertools.pairwise(firsts)]
+        """Where each level lies in these."""
+        levels = []
+        for part, (rows, cols) in zip(self.parts, shapes, strict=True):
+            close_border(self.weights[part], rows, cols)
+            levels.append((rows, cols, cols + 2, part.start))
+        self.levels = np.array(levels, np.int64)
+        """As in `TileSource`."""
+
+
 class Tiles:
     """Which parts of a map of heights have been computed, and what it takes to compute the others.
 
@@ -137,32 +155,19 @@ class Tiles:
 
     def packed(self, number: int = 0) -> Packed:
         """As kernels take them that look at the level of that number."""
-        down, right = (side.bit_length() - 1 - 2 * number for side in self._sides)
+        source = self._source
+        down = source.row_shift - 2 * number
+        right = source.col_shift - 2 * number
         wanted = LINKED if number else SURROUNDED
-        source = tuple(self._source)
-        return tuple(records.TilesRecord(self.state, wanted, down, right, source, _address()))
-
-    def add_levels(self, shapes: list[tuple[int, int]]) -> list[tuple[Float32s, UInt16, UInt8]]:
-        """Make room for coarse levels of these shapes, finest first: weights, pieces and links of
-        each, padded.
-        """
-        sizes = [(rows + 2) * (cols + 2) for rows, cols in shapes]
-        firsts = [0, *itertools.accumulate(sizes)]
-        rows_of = [
-            (rows, cols, cols + 2, first)
-            for (rows, cols), first in zip(shapes, firsts, strict=False)
-        ]
-        size = firsts[-1]
-        weights = np.zeros(size, np.float32)
-        pieces = np.zeros(size, np.uint16)
-        links = np.zeros(size, np.uint8)
-        self._source = self._source._replace(
-            levels=np.array(rows_of, np.int64), coarse=weights, pieces=pieces, links=links
+        return tuple(
+            records.TilesRecord(self.state, wanted, down, right, tuple(source), _address())
         )
-        parts = [slice(first, first + size) for first, size in zip(firsts, sizes, strict=False)]
-        for part, (rows, cols) in zip(parts, shapes, strict=True):
-            close_border(weights[part], rows, cols)
-        return [(weights[part], pieces[part], links[part]) for part in parts]
+
+    def add_levels(self, room: CoarseRoom) -> None:
+        """Have the tiles fill coarse levels, too."""
+        self._source = self._source._replace(
+            levels=room.levels, coarse=room.weights, pieces=room.pieces, links=room.links
+        )
 
     def open_at(self, row: int, col: int) -> None:
         """See to it that the weights of a cell and of those around it are there."""
