@@ -257,8 +257,10 @@ class Navigator:
         return self._patches.taken
 
     def _put(self, patch: Waiting) -> None:
-        put = self.planner.update_elevation if patch.of_heights else self.planner.update
-        self._counts["cells_changed"] += put(*patch.part[:2], patch.values, seen=patch.seen)
+        row, col, _, _ = patch.part
+        self._counts["cells_changed"] += self.planner.update(
+            row, col, patch.values, seen=patch.seen, layer=patch.layer
+        )
 
     def _unknown_around(self, cell: Cell, radius: int = 0) -> str:
         """How many of the cells around one are unknown, with the vehicle's reach, for people; empty
