@@ -56,9 +56,8 @@ class MapState:
         """Blocks that are known by their means; None where cells are known, or nothing."""
         self.vehicle = ground.vehicle
         """Whose path it is; None for a point."""
-        self.sides_m = None if ground.cell_size_m is None else ground.sides_m
-        """Height and width of a cell; None where it is not known."""
-        self._sides = ground.sides_m
+        self.sides_m = ground.sides_m
+        """Height and width of a cell; 1 where it is not known."""
         self._lazy = lazy
         self._mobility = ground.mobility
         self._slope_cost = ground.slope_cost
@@ -71,12 +70,12 @@ class MapState:
         """The robot's, and a point's: one, unless the robot's stance or price weighs cells anew."""
         robot = Robot()
         if self.vehicle is not None:
-            robot = resolve_name(self.vehicle.kind.robot)(self, self.vehicle, self._sides)
+            robot = resolve_name(self.vehicle.kind.robot)(self, self.vehicle, self.sides_m)
         self._put(robot, grid.model)
         if self._slope_cost is not None:
             from nnpp_edge.runtime.robots.slope.directed import price_of
 
-            price = price_of(self, self._slope_cost, self._sides)
+            price = price_of(self, self._slope_cost, self.sides_m)
             robot = robot._replace(price=price)
             if price.edges() is None:
                 self._put(robot, StepModel.of(StepCost.LENGTH))
@@ -244,14 +243,14 @@ class MapState:
         slope_cost = self._slope_cost
         walker = slope_cost if slope_cost is not None and slope_cost.function else None
         metres = self.heights.metres_at(places)
-        return Along(places, metres, self._sides, self._mobility or UNTOLD, walker)
+        return Along(places, metres, self.sides_m, self._mobility or UNTOLD, walker)
 
     @property
     def reach_cells(self) -> int:
         """From the vehicle's middle to its farthest corner; 0 for a point."""
         if self.vehicle is None:
             return 0
-        return math.ceil(self.vehicle.reach_m / min(self._sides))
+        return math.ceil(self.vehicle.reach_m / min(self.sides_m))
 
     @property
     def costs_computed(self) -> float:
