@@ -237,10 +237,7 @@ class PathMessage:
         """Ready for JSON: an infinite cost is None, and way points are left out where there are
         none.
         """
-        fields: dict[str, object] = {
-            name: getattr(self, name) for name in self.__dataclass_fields__
-        }
-        fields |= {
+        fields: dict[str, object] = vars(self) | {
             "path": self.path.tolist(),
             "headings_deg": self.headings_deg.tolist(),
             "cost": self.cost if math.isfinite(self.cost) else None,

@@ -48,9 +48,8 @@ class Guard:
         if isinstance(error, Exception):
             if not self._times:
                 known = isinstance(error, OSError | NnppEdgeError)
-                words = "%s failed (%s); more of the same is counted, not logged"
                 _LOG.warning(
-                    words,
+                    "%s failed (%s); more of the same is counted, not logged",
                     self._who,
                     " ".join(str(error).split()),
                     exc_info=None if known else error,
