@@ -134,7 +134,7 @@ class Given(Layer):
     """Numbers that were given for a term of Eq. 1 (`options.LAYER_TERMS`)."""
 
     def __init__(self, heights: Heights, name: str) -> None:
-        self.name = name  # type: ignore[misc]  # one class for all
+        self.name = name
         self._heights = heights
 
     def put(self, part: Rectangle, patch: Float2D, seen: Bool | None, *, keeps: bool) -> Put:

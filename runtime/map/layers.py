@@ -5,7 +5,6 @@ the layers and knows none by name but those that a user may ask for.
 """
 
 from abc import ABC, abstractmethod
-from typing import ClassVar
 
 import numpy as np
 
@@ -22,7 +21,7 @@ Put = tuple[Change, Rectangle]
 class Layer(ABC):
     """Numbers of a map's cells, one array. A subclass is one kind of them."""
 
-    name: ClassVar[str]
+    name: str
     """By which patches come to it."""
 
     def read(self, patch: Float2D) -> Float2D:
