@@ -74,7 +74,7 @@ def _exercise_costs(network: NetworkModel) -> None:
     cost = np.random.default_rng(0).uniform(0.1, 0.6, (200, 128)).astype(np.float32)
     start = (1, 2)
     goal = (198, 125)
-    planner = Planner(cost, model=network)
+    planner = Planner(_read_only(cost), model=network)
     for method in STILL:
         planner.plan(start, goal, method=method, refine="any-angle")
     moving = DynamicPlanner(cost, goal, model=network)
@@ -85,7 +85,6 @@ def _exercise_costs(network: NetworkModel) -> None:
             moving.replan(method=method)
             moving.update(1, 4, patch)
             moving.standing()
-    Planner(_read_only(cost))
 
 
 def _read_only(array: Float2D) -> Float2D:
@@ -107,11 +106,10 @@ def _exercise_kernels(dem: Float2D) -> None:
 
 
 def _exercise_body_kernels(dem: Float2D) -> None:
-    planner = Planner.of_elevation(dem, 1.0, vehicle=_BODY, warn=False)
-    planner.explain((70, 12), 0.0)
     car = replace(_BODY, turning_radius_m=3.0, reverse_cost=2.0, gear_change_m=1.0)
-    flat = Planner.of_elevation(np.zeros_like(dem), 1.0, vehicle=car, warn=False)
-    flat.plan((20, 12), (130, 12), start_heading_deg=90.0, goal_heading_deg=90.0)
+    planner = Planner.of_elevation(np.zeros_like(dem), 1.0, vehicle=car, warn=False)
+    planner.plan((20, 12), (130, 12), start_heading_deg=90.0, goal_heading_deg=90.0)
+    planner.explain((70, 12), 0.0)
     state = planner.state
     finest, above, *_ = state.pyramid.levels
     coarse = CoarseLevel(above)
