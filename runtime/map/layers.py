@@ -40,8 +40,6 @@ class Layer(ABC):
 class Lowest(Layer):
     """The lowest layer, which makes the grid that the others change."""
 
-    grid: Grid
-
     @abstractmethod
     def begin(self) -> Grid:
         """The grid by what the layer holds now, made anew."""

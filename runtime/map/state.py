@@ -288,17 +288,12 @@ def map_state(
         return MapState(ground, [costs])
     from nnpp_edge.runtime.map.heights import Given, Heights, Told
 
-    unseen = None
-    if ground.factor > 1:
-        from nnpp_edge.runtime.map.unseen import Unseen
-
-        unseen = Unseen(ground)
-    lowest = Heights(ground, StepModel.of(StepCost.PAPER, omega), corner_cutting, unseen)
-    if warn and unseen is None:
+    lowest = Heights(ground, StepModel.of(StepCost.PAPER, omega), corner_cutting)
+    if warn and lowest.unseen is None:
         from nnpp_edge.runtime.terrain.traversability import warn_of_saturation
 
         warn_of_saturation(lowest.array, ground.limits, ground.sides_m)
     by_cells = ground.body is None and ground.slope_cost is None
     layers = [lowest, Told(lowest, shut_alone=not by_cells)]
     layers += [Given(lowest, name) for name in ground.layers]
-    return MapState(ground, layers, lazy=lazy or unseen is not None)
+    return MapState(ground, layers, lazy=lazy or lowest.unseen is not None)
