@@ -202,8 +202,9 @@ def heights_at(heights: Heights, points: Line) -> Floats:
     if points.dtype.kind == "i":
         of_cells: Floats = heights[tuple(points.T)].astype(np.float64)
         return of_cells
-    low = np.clip(np.floor(points).astype(np.int32), 0, np.array(heights.shape) - 1)
-    high = np.minimum(low + 1, np.array(heights.shape) - 1)
+    last = np.array(heights.shape) - 1
+    low = np.clip(np.floor(points).astype(np.int32), 0, last)
+    high = np.minimum(low + 1, last)
     down, right = np.clip(points - low, 0.0, 1.0).T
     found = np.zeros(len(points))
     for row, share_of_row in ((low[:, 0], 1.0 - down), (high[:, 0], down)):

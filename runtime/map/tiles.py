@@ -128,7 +128,7 @@ class Tiles:
 
     def __init__(self, heights: Float2D, coarsest: int, source: dict[str, object]) -> None:
         self.heights = heights
-        rows, cols = self.shape = (heights.shape[0], heights.shape[1])
+        rows, cols = heights.shape
         high, wide = self._sides = max(TILE_ROWS, coarsest), max(TILE_COLS, coarsest)
         self.state = np.zeros((-(-rows // high), -(-cols // wide)), np.uint8)
         """(I, J) uint8, what has been computed of each tile, as bits."""
@@ -189,7 +189,7 @@ class Tiles:
 
         OutOfTimeError at the deadline: then a search computes what is left where it reads it.
         """
-        rows, cols = self.shape
+        rows, cols = self.heights.shape
         weights = virtual_zeros((rows + 2) * (cols + 2), np.float32)
         passing = copy.copy(self)
         passing.state = np.zeros_like(self.state)
@@ -216,7 +216,7 @@ class Tiles:
         call goes on.
         """
         tiles = self.packed()
-        rows, cols = self.shape
+        rows, cols = self.heights.shape
         high = self._sides[0]
         for work, done in ((compute_rows, COSTED | POOLED), (link_rows, LINKED)):
             wanted = done if len(self._source.levels) else done & COSTED
