@@ -11,7 +11,7 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.kernels.threshold import lowered
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.network.inference import NetworkModel
-from nnpp_edge.runtime.options import CELLS, METHODS, STATES, STILL
+from nnpp_edge.runtime.options import METHODS, STILL
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseLevel
 from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
 from nnpp_edge.runtime.planners.plan import DynamicMethod
@@ -60,11 +60,11 @@ def _exercise_elevations(dem: Float2D, network: NetworkModel, vehicle: Vehicle |
     goal = (140, 18)
     ground = Ground.of_elevation(dem, 1.0, vehicle=vehicle, step_cost="tobler")
     Planner(ground, lazy=False)
-    over = STATES if vehicle is not None else CELLS
     moving = DynamicPlanner(ground, goal, model=network)
     moving.move((8, 5))
-    kept = [name for name, entry in METHODS.items() if entry.keeps and over in entry.robots]
-    for method in 2 * kept or ("corridor",):  # again: what has changed since is mended
+    kept = [name for name, entry in METHODS.items() if entry.keeps]
+    # kept ones twice: what has changed since is mended; none of them is for a body
+    for method in ("corridor",) if vehicle is not None else 2 * kept:
         moving.replan(method=method)
         moving.update_elevation(3, 4, dem[:5, :6] + np.float32(0.01))
 
