@@ -140,8 +140,7 @@ class KernelCache(NullCache):
         """Keep the compiled version `data` for `sig`, unless it holds addresses of this process."""
         from nnpp_edge.runtime.compiled import claims
 
-        if _compiling:
-            _compiling.pop().cancel()
+        _compiling.pop().cancel()
         key = self._key(sig, data.codegen)
         if not (data.lifted or data.library.has_dynamic_globals):
             self._save(key, data)
