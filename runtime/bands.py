@@ -13,17 +13,16 @@ def in_bands(
     last: int,
     cols: int,
     multiple: int = 1,
-    threads_from: int = 0,
+    threads_from: int = THREADS_FROM,
 ) -> None:
     """Call `work` for rows from `first` on, as (first, one past the last), once or, on larger maps,
     on each core.
 
     Threads are started for the occasion: ones that wait between two maps cost as much, and have
     to be minded when the process forks. `work` releases the interpreter's lock and writes to rows
-    of its own; bands but the last have multiples of so many rows; `threads_from` is in cells,
-    `THREADS_FROM` if 0.
+    of its own; bands but the last have multiples of so many rows; `threads_from` is in cells.
     """
-    shared = (last - first) * cols >= (threads_from or THREADS_FROM)
+    shared = (last - first) * cols >= threads_from
     cores = len(os.sched_getaffinity(0)) if shared else 1
     height = -(-(last - first) // (cores * multiple)) * multiple
     own, *others = [(row, min(row + height, last)) for row in range(first, last, height)]

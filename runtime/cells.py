@@ -120,8 +120,5 @@ def apart(part: Rectangle, cell: tuple[int, int]) -> int:
 def nearest(mask: NDArray[np.bool_], place: tuple[float, float]) -> Cell:
     """The cell of a mask (H, W), which holds at least one, nearest to a place (row, col)."""
     cells = np.argwhere(mask)
-def nearest(mask: NDArray[np.bool_], place: tuple[float, float]) -> Cell:
-    """The cell of a mask (H, W), which holds at least one, nearest to a place (row, col)."""
-    cells = np.argwhere(mask)
     squares = ((cells - place) ** 2).sum(1)
     return cell_of(cells[squares.argmin()])

@@ -33,7 +33,7 @@ class Deadline:
     @property
     def left_s(self) -> float:
         """Seconds until then; inf for ever."""
-        return self.at - time.monotonic() if self.at < math.inf else math.inf
+        return self.at - time.monotonic()
 
     @property
     def passed(self) -> bool:

@@ -55,7 +55,7 @@ def virtual_zeros(count: int, dtype: type[Number]) -> NDArray[Number]:
     For arrays of a whole map's size of which a search touches a strip. MemoryError where the system
     promises no memory that it does not have.
     """
-    size = max(count, 1) * np.dtype(dtype).itemsize
+    size = count * np.dtype(dtype).itemsize
     try:
         memory = mmap.mmap(-1, size, mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS | _MAP_NORESERVE)
     except OSError as error:
@@ -117,7 +117,7 @@ def mapping_of(array: NDArray[Number]) -> mmap.mmap:
 
 
 def check_planner_fits(
-    shape: tuple[int, ...], more_per_cell: int = 0, *, filed: bool = False
+    shape: tuple[int, int], more_per_cell: int = 0, *, filed: bool = False
 ) -> None:
     """InvalidMapError where the memory that is left cannot hold a planner of a map of this shape,
     unless that lies in a file, or where it has more cells than have numbers.
@@ -126,7 +126,7 @@ def check_planner_fits(
     search takes it where it first comes, and one of the whole map takes all of it.
     """
     cells = math.prod(shape)
-    if len(shape) != 2 or cells <= _ALWAYS_FITS:
+    if cells <= _ALWAYS_FITS:
         return
     if cells > MOST_CELLS:
         raise InvalidMapError(f"wanted a map of at most {MOST_CELLS} cells, got {shape}")

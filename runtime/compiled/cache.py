@@ -122,22 +122,25 @@ class KernelCache(NullCache):
         return None
 
     def _load(self, path: Path, key: bytes, target_context: NumbaObject) -> NumbaObject:
-        content = _read(path)
-        kept = content[_CHECKSUM_BYTES:]
-        if content[:_CHECKSUM_BYTES] != _checksum(key, kept):
-            return None
         try:
+            with path.open("rb") as file:
+                if not places.is_trusted(os.fstat(file.fileno())):
+                    return None
+                content = file.read()
+            kept = content[_CHECKSUM_BYTES:]
+            if content[:_CHECKSUM_BYTES] != _checksum(key, kept):
+                return None
             return CompileResult._rebuild(target_context, *pickle.loads(kept))
         except Exception:
-            # it was made by something that differs from us in a way which the key does not tell
+            # it cannot be read, or was made by something that differs from us in a way which the
+            # key does not tell
             return None
 
     def save_overload(self, sig: NumbaObject, data: NumbaObject) -> None:
         """Keep the compiled version `data` for `sig`, unless it holds addresses of this process."""
         from nnpp_edge.runtime.compiled import claims
 
-        if _compiling:
-            _compiling.pop().cancel()
+        _compiling.pop().cancel()
         key = self._key(sig, data.codegen)
         if not (data.lifted or data.library.has_dynamic_globals):
             self._save(key, data)
@@ -194,15 +197,6 @@ def _digest(key: bytes) -> str:
 def _checksum(key: bytes, content: bytes) -> bytes:
     """Of the key as well, so that a file under a wrong name is not taken for sound."""
     return hashlib.sha256(key + content).digest()
-
-
-def _read(path: Path) -> bytes:
-    """The file's content; nothing where it cannot be read, or where others can have written it."""
-    try:
-        with path.open("rb") as file:
-            return file.read() if places.is_trusted(os.fstat(file.fileno())) else b""
-    except OSError:
-        return b""
 
 
 def _write(path: Path, content: bytes) -> None:

@@ -39,8 +39,34 @@ class Origin(StrEnum):
     """There is no path."""
 
 
+class _Checked:
+    """A message of numbers and truth values, which are looked at when it is made."""
+
+    def __post_init__(self) -> None:
+        """InvalidMessageError unless its numbers and truth values are such; whole numbers become
+        ints.
+        """
+        for name, kind in type(self).__annotations__.items():
+            value = getattr(self, name)
+            if kind not in _WANTED or (value is None and kind == float | None):
+                continue
+            number = int if kind is int else float
+            try:
+                fits = bool(number(value) == value) and math.isfinite(value)
+            except (TypeError, ValueError, OverflowError):
+                fits = False
+            if kind is bool:
+                fits = isinstance(value, bool | np.bool_)
+            if not fits:
+                owner = type(self).__name__.removeprefix("Map").lower()
+                wanted = f"a {owner}'s {name} must be {_WANTED[kind]}"
+                raise InvalidMessageError(f"{wanted}, got {shown(value)}")
+            if kind is int:
+                object.__setattr__(self, name, int(value))
+
+
 @dataclass(frozen=True, eq=False)
-class MapPatch:
+class MapPatch(_Checked):
     """New heights, or new costs, of a rectangle of the map. The array is copied.
 
     InvalidMessageError unless exactly one of the two arrays is given, (h, w) numbers, no cost below
@@ -76,7 +102,7 @@ class MapPatch:
                 f"a patch's cost must be at least 0, got one of {np.nanmin(values):g}"
             )
         object.__setattr__(self, name, values)
-        _check(self)
+        super().__post_init__()
 
     @property
     def values(self) -> Float2D:
@@ -92,7 +118,7 @@ class MapPatch:
 
 
 @dataclass(frozen=True)
-class Pose:
+class Pose(_Checked):
     """Where the robot is, in cells; fractions lie within a cell. InvalidMessageError unless all is
     finite.
     """
@@ -103,9 +129,6 @@ class Pose:
     heading_deg: float | None = None
     """In which a body stands, clockwise from grid north; None: a path begins in any direction."""
 
-    def __post_init__(self) -> None:
-        _check(self)
-
     @property
     def cell(self) -> Cell:
         """The cell it lies in."""
@@ -113,7 +136,7 @@ class Pose:
 
 
 @dataclass(frozen=True)
-class Goal:
+class Goal(_Checked):
     """Where to go, in cells. InvalidMessageError unless both are whole numbers, and the rest is
     finite.
     """
@@ -123,9 +146,6 @@ class Goal:
     stamp: float = 0.0
     heading_deg: float | None = None
     """In which a body is to arrive, clockwise from up the rows; None: in any. A point has none."""
-
-    def __post_init__(self) -> None:
-        _check(self)
 
     @property
     def cell(self) -> Cell:
@@ -217,10 +237,7 @@ class PathMessage:
         """Ready for JSON: an infinite cost is None, and way points are left out where there are
         none.
         """
-        fields: dict[str, object] = {
-            name: getattr(self, name) for name in self.__dataclass_fields__
-        }
-        fields |= {
+        fields: dict[str, object] = vars(self) | {
             "path": self.path.tolist(),
             "headings_deg": self.headings_deg.tolist(),
             "cost": self.cost if math.isfinite(self.cost) else None,
@@ -298,26 +315,3 @@ class StatusMessage:
 
 
 Output = PathMessage | StatusMessage
-
-
-def _check(message: Input) -> None:
-    """InvalidMessageError unless its numbers and truth values are such; whole numbers become
-    ints.
-    """
-    for name, kind in type(message).__annotations__.items():
-        value = getattr(message, name)
-        if kind not in _WANTED or (value is None and kind == float | None):
-            continue
-        number = int if kind is int else float
-        try:
-            fits = bool(number(value) == value) and math.isfinite(value)
-        except (TypeError, ValueError, OverflowError):
-            fits = False
-        if kind is bool:
-            fits = isinstance(value, bool | np.bool_)
-        if not fits:
-            owner = type(message).__name__.removeprefix("Map").lower()
-            wanted = f"a {owner}'s {name} must be {_WANTED[kind]}"
-            raise InvalidMessageError(f"{wanted}, got {shown(value)}")
-        if kind is int:
-            object.__setattr__(message, name, int(value))

@@ -26,7 +26,7 @@ from itertools import product
 from typing import Unpack
 
 from nnpp_edge.runtime.arguments import checked
-from nnpp_edge.runtime.cells import Cell, slices, widened
+from nnpp_edge.runtime.cells import Cell, widened
 from nnpp_edge.runtime.errors import InvalidQueryError, Status, one_line
 from nnpp_edge.runtime.loop.messages import (
     Counters,
@@ -162,9 +162,12 @@ class Navigator:
     def counters(self) -> Counters:
         """Counts so far; of what only the loop knows 0."""
         with self._inbox:
-            counts = {**self._counts, **self._patches.counts}
-            by_kind_and_place = {"degraded": dict(self._degraded), "errors": dict(self._errors)}
-        return Counters(**counts, **by_kind_and_place)  # type: ignore[arg-type]  # whole numbers to whole numbers
+            return Counters(
+                **self._counts,  # type: ignore[arg-type]  # whole numbers to whole numbers
+                **self._patches.counts,  # type: ignore[arg-type]  # likewise
+                degraded=dict(self._degraded),
+                errors=dict(self._errors),
+            )
 
     def tick(self, deadline: float = math.inf) -> PathMessage:
         """Read the inputs and answer by `deadline`, a reading of the clock. Never raises an
@@ -254,8 +257,10 @@ class Navigator:
         return self._patches.taken
 
     def _put(self, patch: Waiting) -> None:
-        put = self.planner.update_elevation if patch.of_heights else self.planner.update
-        self._counts["cells_changed"] += put(*patch.part[:2], patch.values, seen=patch.seen)
+        row, col, _, _ = patch.part
+        self._counts["cells_changed"] += self.planner.update(
+            row, col, patch.values, seen=patch.seen, layer=patch.layer
+        )
 
     def _unknown_around(self, cell: Cell, radius: int = 0) -> str:
         """How many of the cells around one are unknown, with the vehicle's reach, for people; empty
@@ -263,7 +268,7 @@ class Navigator:
         """
         radius += self.map.reach_cells
         around = widened((*cell, 1, 1), (radius, radius), self.map.shape)
-        unknown = self.map.unknown(*slices(around))
+        unknown = self.map.unknown(around)
         if not unknown.any():
             return ""
         return f"; {unknown.sum()} of {unknown.size} cells around it are unknown"

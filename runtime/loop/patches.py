@@ -23,8 +23,8 @@ _OVERHEAD_CELLS = 256
 class Waiting(NamedTuple):
     """New values of one layer of the map, on a rectangle inside it."""
 
-    of_heights: bool
-    """Whether they are heights; else costs."""
+    layer: str
+    """As `MapState.update` takes it: ``heights`` or ``cost``."""
     part: Rectangle
     values: Float2D
     """(h, w) metres or costs."""
@@ -75,7 +75,8 @@ class Patches:
         with self._lock:
             self.counts["patches"] += 1
             self.counts["patches_clipped"] += values.shape != patch.shape
-            self._waiting.append(Waiting(of_heights, part, values, seen))
+            layer = "heights" if of_heights else "cost"
+            self._waiting.append(Waiting(layer, part, values, seen))
             self._cells += values.size + _OVERHEAD_CELLS
             if self._cells > math.prod(self._shape):
                 self._waiting = self._merged(least_overlap=0.0)
@@ -105,32 +106,28 @@ class Patches:
         have more cells than so many times the rectangle that holds them all.
         """
         found: list[Waiting] = []
-        for of_heights in (True, False):
-            layer = [one for one in self._waiting if one.of_heights is of_heights]
-            cells = sum(one.values.size for one in layer)
-            if len(layer) > 1 and cells > least_overlap * math.prod(_whole(layer)[2:]):
-                self.counts["patches_merged"] += len(layer) - 1
-                layer = [_as_one(layer)]
-            found += layer
+        for layer in ("heights", "cost"):
+            patches = [one for one in self._waiting if one.layer == layer]
+            cells = sum(one.values.size for one in patches)
+            if len(patches) > 1:
+                whole = enclosing([one.part for one in patches])
+                if cells > least_overlap * math.prod(whole[2:]):
+                    self.counts["patches_merged"] += len(patches) - 1
+                    patches = [_as_one(patches, whole)]
+            found += patches
         return found
 
 
-def _as_one(layer: list[Waiting]) -> Waiting:
-    """Patches of one layer, one after another, as one."""
-    whole = _whole(layer)
+def _as_one(patches: list[Waiting], whole: Rectangle) -> Waiting:
+    """Patches of one layer, one after another, as one on the rectangle that holds them all."""
     values = np.full(whole[2:], np.nan, np.float32)
     seen = np.zeros(whole[2:], np.bool_)
-    for one in layer:
+    for one in patches:
         here = _inside(one.part, whole[:2])
         new = True if one.seen is None else one.seen
         np.copyto(values[here], one.values, where=new)
         seen[here] |= new
-    return Waiting(layer[0].of_heights, whole, values, None if seen.all() else seen)
-
-
-def _whole(layer: list[Waiting]) -> Rectangle:
-    """The rectangle that holds all patches of a layer."""
-    return enclosing([one.part for one in layer])
+    return Waiting(patches[0].layer, whole, values, None if seen.all() else seen)
 
 
 def _inside(part: Rectangle, corner: Cell) -> tuple[slice, slice]:

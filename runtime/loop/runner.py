@@ -16,7 +16,7 @@ from nnpp_edge.runtime.loop.connections import InputSource, Sink
 from nnpp_edge.runtime.loop.messages import Counters, Input, Output, PathMessage, StatusMessage
 from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.loop.timing import Histogram, Ticker, realtime, signal_handlers
-from nnpp_edge.runtime.loop.workers import BoundedQueue, Guard, WhenFull, Worker
+from nnpp_edge.runtime.loop.workers import BoundedQueue, Guard, Worker
 from nnpp_edge.runtime.memory import rss_bytes
 
 _SHARE_FOR_INPUTS = 0.5
@@ -87,7 +87,6 @@ class Loop:
         self._ticker = Ticker(1.0 / rate_hz, sleep=self._sleep)
         count_error = navigator.count_error
         self._sinks: list[tuple[Sink, Worker[Output]]] = []
-        self._when_full: WhenFull = "drop oldest" if paced else "wait"
         for sink in sinks:
             waiting = BoundedQueue[Output](queue, patient=self._is_patient)
             guard = Guard(f"the sink {sink.name}", f"sink {sink.name}", count_error)
@@ -126,7 +125,7 @@ class Loop:
                 self._run_ticks(ticks)
         finally:
             for _, worker in self._sinks:
-                worker.close(patient=self._is_patient)
+                worker.close()
         return self.counters()
 
     def counters(self) -> Counters:
@@ -208,7 +207,7 @@ class Loop:
 
     def _publish(self, message: Output) -> None:
         for _, worker in self._sinks:
-            worker.queue.put(message, self._when_full)
+            worker.queue.put(message, "wait")  # while it is patient; else the oldest is dropped
 
 
 def handling_signals(loop: Loop) -> AbstractContextManager[None]:

@@ -115,8 +115,6 @@ class Histogram:
         """Seconds that this share (0 to 1) of the durations does not exceed, to 4.4 %; 0 if there
         are none.
         """
-        if not self.count:
-            return 0.0
         at = int(np.searchsorted(np.cumsum(self._counts), max(math.ceil(share * self.count), 1)))
         bound: float = _LEAST_S * 2.0 ** ((at + 1) / _PER_OCTAVE)
         return min(bound, self.max_s)

@@ -30,7 +30,7 @@ class Guard:
     of this package; and later that it works again, once it has for 10 s.
     """
 
-    def __init__(self, who: str, place: str, count_error: CountError = lambda place: None) -> None:
+    def __init__(self, who: str, place: str, count_error: CountError) -> None:
         self._who = who
         self.place = place
         self._count_error = count_error
@@ -48,14 +48,13 @@ class Guard:
         if isinstance(error, Exception):
             if not self._times:
                 known = isinstance(error, OSError | NnppEdgeError)
-                words = "%s failed (%s); more of the same is counted, not logged"
                 _LOG.warning(
-                    words,
+                    "%s failed (%s); more of the same is counted, not logged",
                     self._who,
                     " ".join(str(error).split()),
                     exc_info=None if known else error,
                 )
-            self._times = self._times + 1
+            self._times += 1
             self._last = now
             self._count_error(self.place)
             return True
@@ -79,7 +78,7 @@ class BoundedQueue(Generic[T]):
     ) -> None:
         self._most = most
         self._size = size
-        self._patient = patient
+        self.patient = patient
         self._items: deque[T] = deque()
         self._used = 0
         self._changed = threading.Condition()
@@ -98,7 +97,7 @@ class BoundedQueue(Generic[T]):
         dropped = 0
         with self._changed:
             while self._items and self._used + size > self._most:
-                if when_full == "wait" and self._patient():
+                if when_full == "wait" and self.patient():
                     self._changed.wait(_LOOK_EVERY_S)
                     continue
                 self.drops += 1
@@ -145,12 +144,12 @@ class Worker(Generic[T]):
         )
         self.start = self._thread.start
 
-    def close(self, patience_s: float = 1.0, patient: Callable[[], bool] = lambda: False) -> None:
-        """Let the queued items be used, for so long at most, and while `patient`; what hangs is
-        left behind.
+    def close(self, patience_s: float = 1.0) -> None:
+        """Let the queued items be used, for so long at most, and while the queue is `patient`; what
+        hangs is left behind.
         """
         self.queue.close()
-        while self._thread.is_alive() and patient():
+        while self._thread.is_alive() and self.queue.patient():
             self._thread.join(_LOOK_EVERY_S)
         self._thread.join(patience_s)
 

@@ -123,8 +123,7 @@ class Along:
     @cached_property
     def time_s(self) -> Floats:
         """(N,) seconds from the start; NaN where nobody's speed is known."""
-        model = self.mobility.time or self.walker
-        return np.full(len(self.points), math.nan) if model is None else self._by(model)
+        return self._by(self.mobility.time or self.walker)
 
     @property
     def time_by(self) -> str:
@@ -136,12 +135,12 @@ class Along:
     @cached_property
     def energy_j(self) -> Floats:
         """(N,) joules from the start; NaN where the vehicle has no model of its energy."""
-        if self.mobility.energy is None:
-            return np.full(len(self.points), math.nan)
         return self._by(self.mobility.energy)
 
-    def _by(self, model: SlopeCost) -> Floats:
-        """A model's sum on the way to each point; points may coincide."""
+    def _by(self, model: SlopeCost | None) -> Floats:
+        """A model's sum on the way to each point, NaN without a model; points may coincide."""
+        if model is None:
+            return np.full(len(self.points), math.nan)
         costs = np.zeros(len(self.points))
         moves = self.steps_m > 0.0
         costs[moves] = model.cost(self.steps_m[moves], self.rises_m[moves])
@@ -203,8 +202,9 @@ def heights_at(heights: Heights, points: Line) -> Floats:
     if points.dtype.kind == "i":
         of_cells: Floats = heights[tuple(points.T)].astype(np.float64)
         return of_cells
-    low = np.clip(np.floor(points).astype(np.int32), 0, np.array(heights.shape) - 1)
-    high = np.minimum(low + 1, np.array(heights.shape) - 1)
+    last = np.array(heights.shape) - 1
+    low = np.clip(np.floor(points).astype(np.int32), 0, last)
+    high = np.minimum(low + 1, last)
     down, right = np.clip(points - low, 0.0, 1.0).T
     found = np.zeros(len(points))
     for row, share_of_row in ((low[:, 0], 1.0 - down), (high[:, 0], down)):

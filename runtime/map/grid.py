@@ -16,7 +16,7 @@ from nnpp_edge.runtime.arrays import (
     as_map,
     close_border,
 )
-from nnpp_edge.runtime.cells import Cell, Rectangle, patch_at, slices
+from nnpp_edge.runtime.cells import Cell, Rectangle, patch_at
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels import records
@@ -256,10 +256,9 @@ class Grid:
 
     def nodes(self, part: Rectangle) -> Int64:
         """(rows, cols) flat indices of a rectangle's cells."""
-        rows, cols = slices(part)
-        down = self.stride * (np.arange(rows.start, rows.stop) + 1)
-        across = np.arange(cols.start, cols.stop) + 1
-        nodes: Int64 = down[:, None] + across
+        row, col, rows, cols = part
+        down = self.stride * np.arange(rows)
+        nodes: Int64 = self.node(row, col) + down[:, None] + np.arange(cols)
         return nodes
 
     def cell(self, node: int) -> Cell:

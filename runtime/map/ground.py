@@ -144,9 +144,14 @@ class Ground:
             raise InvalidQueryError(f"factor must be at least 1, got {factor}")
         if (width := more.get("cell_width_m")) is not None:
             more["cell_width_m"] = width / factor
-        known = (dem, cell_size_m / factor)
         return cls(
-            None, *known, traversability=traversability, factor=factor, prior_model=model, **more
+            None,
+            dem,
+            cell_size_m / factor,
+            traversability=traversability,
+            factor=factor,
+            prior_model=model,
+            **more,
         )
 
     @cached_property

@@ -1,7 +1,5 @@
 """The layers of a map of heights: these, and costs told on it."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from nnpp_edge.runtime.arrays import Bool, Float2D, Floats, as_map
@@ -14,13 +12,11 @@ from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.layers import Layer, Lowest, Put
 from nnpp_edge.runtime.map.pyramid import coarse_shapes
 from nnpp_edge.runtime.map.tiles import Tiles
+from nnpp_edge.runtime.map.unseen import Unseen
 from nnpp_edge.runtime.memory import is_filed, virtual_zeros
 from nnpp_edge.runtime.terrain.step_cost import StepModel
 from nnpp_edge.runtime.terrain.traversability import relative_heights, traversability_cost
 from nnpp_edge.runtime.tuning import MOST_PRICE
-
-if TYPE_CHECKING:
-    from nnpp_edge.runtime.map.unseen import Unseen
 
 
 class Heights(Lowest):
@@ -31,19 +27,17 @@ class Heights(Lowest):
     """
 
     name = "heights"
-    rim = 1
 
-    def __init__(
-        self, ground: Ground, model: StepModel, corner_cutting: bool, unseen: "Unseen | None" = None
-    ) -> None:
-        self._model = model
+    def __init__(self, ground: Ground, model: StepModel, corner_cutting: bool) -> None:
+        self.model = model
         self._cutting = corner_cutting
         self.limits = ground.limits
         self._sides = ground.sides_m
-        self.unseen = unseen
+        self.unseen = Unseen(ground) if ground.factor > 1 else None
+        """Blocks that are known by their means; None where cells are known, or nothing."""
         dem = np.asarray(ground.elevation)
         heights, self.base = relative_heights(dem)
-        if unseen is not None:
+        if self.unseen is not None:
             rows, cols = ground.shape
             heights = virtual_zeros(rows * cols, np.float32).reshape(rows, cols)
         elif np.shares_memory(heights, dem) and not is_filed(dem):
@@ -61,15 +55,14 @@ class Heights(Lowest):
                 raise InvalidMapError(f"{name} must have {ground.shape} cells, got {each.shape}")
 
     def __getstate__(self) -> dict[str, object]:
-        made = ("grid", "tiles")
-        return {name: value for name, value in vars(self).items() if name not in made}
+        return {name: value for name, value in vars(self).items() if name != "tiles"}
 
     def begin(self) -> Grid:
         rows, cols = self.array.shape
         small = self.unseen is not None or is_filed(self.array)
         weights = bordered(rows, cols, small=small)
         source = {
-            "rule": self.limits.rule(*self._sides, scale=self._model.scale),
+            "rule": self.limits.rule(*self._sides, scale=self.model.scale),
             "weights": weights,
             "corner_cutting": self._cutting,
             "told": self.told.reshape(-1),
@@ -79,10 +72,10 @@ class Heights(Lowest):
         if self.unseen is not None:
             source |= self.unseen.source
         self.tiles = Tiles(self.array, FACTOR ** len(coarse_shapes(rows, cols)), source)
-        self.grid = Grid(rows, cols, self._model, self._cutting, weights, self.tiles)
+        grid = Grid(rows, cols, self.model, self._cutting, weights, self.tiles)
         if self.unseen is not None:  # whose prices may be greater than any cost
-            self.grid.set_bounds(self.grid.least, MOST_PRICE * self._model.scale)
-        return self.grid
+            grid.set_bounds(grid.least, MOST_PRICE * self.model.scale)
+        return grid
 
     def read(self, patch: Float2D) -> Float2D:
         return relative_heights(patch, self.base)[0]
@@ -95,24 +88,25 @@ class Heights(Lowest):
 
     def cost(self) -> Float2D:
         dy, dx = self._sides
-        known = self.known((0, 0, *self.array.shape)).copy()
+        whole = (0, 0, *self.array.shape)
+        known = self.known(whole).copy()
         cost = traversability_cost(
             known, dy, self.limits, cell_width_m=dx, warn=False, layers=self.given
         )
         if self.unseen is None:
             return cost
-        return np.where(self.unknown(slice(None), slice(None)), self.unseen.at(), cost)
+        return np.where(self.unknown(whole), self.unseen.prices(whole), cost)
 
-    def unknown(self, rows: slice, cols: slice) -> Bool:
-        unknown: Bool = ~np.isfinite(self.array[rows, cols])
-        return unknown if self.unseen is None else unknown | self.unseen.unknown(rows, cols)
+    def unknown(self, part: Rectangle) -> Bool:
+        unknown: Bool = ~np.isfinite(self.array[slices(part)])
+        return unknown if self.unseen is None else unknown | self.unseen.unknown(part)
 
     def known(self, part: Rectangle) -> Float2D:
         """Heights of a part, NaN where they mean nothing."""
         here: Float2D = self.array[slices(part)]
         if self.unseen is None:
             return here
-        return np.where(self.unknown(*slices(part)), np.float32(np.nan), here)
+        return np.where(self.unknown(part), np.float32(np.nan), here)
 
     def added(self, part: Rectangle) -> Float2D:
         """(h, w) what the layers given add to the costs of a part; (0, 0) without any."""
@@ -134,7 +128,7 @@ class Given(Layer):
     """Numbers that were given for a term of Eq. 1 (`options.LAYER_TERMS`)."""
 
     def __init__(self, heights: Heights, name: str) -> None:
-        self.name = name  # type: ignore[misc]  # one class for all
+        self.name = name
         self._heights = heights
 
     def put(self, part: Rectangle, patch: Float2D, seen: Bool | None, *, keeps: bool) -> Put:
@@ -157,9 +151,9 @@ class Told(Layer):
         self._shut_alone = shut_alone
 
     def put(self, part: Rectangle, patch: Float2D, seen: Bool | None, *, keeps: bool) -> Put:
-        grid = self._heights.grid
-        if grid.model.refuses(patch):
-            grid.model.refuse(float(np.nanmin(patch)))
+        model = self._heights.model
+        if model.refuses(patch):
+            model.refuse(float(np.nanmin(patch)))
         self._heights.tells[0] = True
         known = ~np.isnan(patch)
         if seen is not None:

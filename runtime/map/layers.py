@@ -5,7 +5,6 @@ the layers and knows none by name but those that a user may ask for.
 """
 
 from abc import ABC, abstractmethod
-from typing import ClassVar
 
 import numpy as np
 
@@ -22,10 +21,8 @@ Put = tuple[Change, Rectangle]
 class Layer(ABC):
     """Numbers of a map's cells, one array. A subclass is one kind of them."""
 
-    name: ClassVar[str]
+    name: str
     """By which patches come to it."""
-    rim: ClassVar[int] = 0
-    """Cells around a new number that weigh anew."""
 
     def read(self, patch: Float2D) -> Float2D:
         """A patch (h, w) as the layer keeps it; InvalidMapError where it is none."""
@@ -43,8 +40,6 @@ class Layer(ABC):
 class Lowest(Layer):
     """The lowest layer, which makes the grid that the others change."""
 
-    grid: Grid
-
     @abstractmethod
     def begin(self) -> Grid:
         """The grid by what the layer holds now, made anew."""
@@ -54,7 +49,7 @@ class Lowest(Layer):
         """As `MapState.cost`, by this layer alone."""
 
     @abstractmethod
-    def unknown(self, rows: slice, cols: slice) -> Bool:
+    def unknown(self, part: Rectangle) -> Bool:
         """As `MapState.unknown`."""
 
 
@@ -89,7 +84,7 @@ class Costs(Lowest):
             cost[self._unknown] = np.nan
         return cost
 
-    def unknown(self, rows: slice, cols: slice) -> Bool:
-        shape = self.grid.shape
-        unknown = np.zeros(shape, np.bool_) if self._unknown is None else self._unknown
-        return unknown[rows, cols].copy()
+    def unknown(self, part: Rectangle) -> Bool:
+        if self._unknown is None:
+            return np.zeros(part[2:], np.bool_)
+        return self._unknown[slices(part)].copy()

@@ -7,11 +7,11 @@ crosses: thin walls do not vanish, and narrow passes stay open unless two of the
 cell.
 
 A coarse cell's weight is the mean over the cells it covers, those outside its piece counting as
-`obstacle_weight`. Means keep the balance of length and weight: both halves of a step's cost shrink
-alike. Directed steps are averaged by direction, see `robots.slope.directed`.
+impassable: as T = 1, or as the dearest passable cell. Means keep the balance of length and weight:
+both halves of a step's cost shrink alike. Directed steps are averaged by direction, see
+`robots.slope.directed`.
 """
 
-import functools
 import itertools
 import math
 from collections.abc import Iterator
@@ -24,7 +24,8 @@ from nnpp_edge.runtime.cells import Rectangle, above, widened
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.kernels.pooling import FACTOR, NO_LINKS, NO_PIECES, pool_and_link
 from nnpp_edge.runtime.kernels.records import Packed
-from nnpp_edge.runtime.map.grid import Grid, bordered
+from nnpp_edge.runtime.map.grid import Grid
+from nnpp_edge.runtime.map.tiles import CoarseRoom
 from nnpp_edge.runtime.robots.robot import Robot
 from nnpp_edge.runtime.search.region import Lookup
 from nnpp_edge.runtime.terrain.step_cost import StepCost
@@ -77,17 +78,14 @@ class Pyramid:
         model = model._replace(weight_term=(share * straight, share * diagonal))
         self._left: Iterator[None] = iter(())
         """Pools a stripe at each step."""
-        parts = [] if grid.tiles is None else grid.tiles.add_levels(shapes)
-        for number, (rows, cols) in enumerate(shapes, 1):
-            if grid.tiles is None:
-                nodes = (rows + 2) * (cols + 2)
-                parts.append(
-                    (bordered(rows, cols), np.zeros(nodes, np.uint16), np.zeros(nodes, np.uint8))
-                )
-            weights, pieces, links = parts[number - 1]
-            coarse = Grid(rows, cols, model, weights=weights, tiles=grid.tiles, level=number)
-            coarse.drive_by(Robot(price=grid.robot.price.coarse((rows, cols), grid.prices)))
-            self.levels.append(Level(coarse, pieces, links))
+        room = CoarseRoom(shapes)
+        if grid.tiles is not None:
+            grid.tiles.add_levels(room)
+        for number, (shape, part) in enumerate(zip(shapes, room.parts, strict=True), 1):
+            weights = room.weights[part]
+            coarse = Grid(*shape, model, weights=weights, tiles=grid.tiles, level=number)
+            coarse.drive_by(Robot(price=grid.robot.price.coarse(shape, grid.prices)))
+            self.levels.append(Level(coarse, room.pieces[part], room.links[part]))
         self.update((0, 0, grid.rows, grid.cols))
 
     def update(self, changed: Rectangle) -> None:
@@ -109,15 +107,15 @@ class Pyramid:
     def _pool(self, changed: Rectangle) -> Iterator[None]:
         """The work of `update`, stripe by stripe."""
         finest = self.levels[0].grid
-        if finest.tiles is not None:  # pooled anew already, but for directed steps
-            for level in self.levels[1:]:
-                level.version += 1
-            yield from finest.robot.price.pool(self.levels[1:], changed)
-            return
         part = changed
-        obstacle = self.obstacle_weight
+        # weight of an impassable cell in the mean: T = 1, or as the dearest passable cell
+        is_paper = finest.model.kind is StepCost.PAPER
+        obstacle = finest.model.scale if is_paper else finest.greatest
         greatest = max(finest.greatest, obstacle)
         for fine, coarse in itertools.pairwise(self.levels):
+            coarse.version += 1
+            if finest.tiles is not None:  # pooled anew already, but for directed steps
+                continue
             row, col, rows, cols = above(part, FACTOR)
             grid = coarse.grid
             least = math.inf
@@ -133,16 +131,9 @@ class Pyramid:
             # heuristic the better
             whole = (rows, cols) == grid.shape
             grid.set_bounds(least if whole else min(least, grid.least), greatest)
-            coarse.version += 1
             # what is connected under the level above changes with the links on the rim
             part = widened((row, col, rows, cols), (1, 1), grid.shape)
         yield from finest.robot.price.pool(self.levels[1:], changed)
-
-    @property
-    def obstacle_weight(self) -> float:
-        """Weight of an impassable cell in the mean: T = 1, or as the dearest passable cell."""
-        finest = self.levels[0].grid
-        return finest.model.scale if finest.model.kind is StepCost.PAPER else finest.greatest
 
 
 def coarse_shapes(rows: int, cols: int) -> list[tuple[int, int]]:
@@ -155,7 +146,6 @@ def coarse_shapes(rows: int, cols: int) -> list[tuple[int, int]]:
     return shapes
 
 
-@functools.lru_cache(maxsize=64)
 def quarters(cells: int) -> Int32:
     """(cells,) int32, the quarter of a coarse cell, along one side of the map, that each row or
     column lies in.

@@ -56,9 +56,8 @@ class MapState:
         """Blocks that are known by their means; None where cells are known, or nothing."""
         self.vehicle = ground.vehicle
         """Whose path it is; None for a point."""
-        self.sides_m = None if ground.cell_size_m is None else ground.sides_m
-        """Height and width of a cell; None where it is not known."""
-        self._sides = ground.sides_m
+        self.sides_m = ground.sides_m
+        """Height and width of a cell; 1 where it is not known."""
         self._lazy = lazy
         self._mobility = ground.mobility
         self._slope_cost = ground.slope_cost
@@ -71,12 +70,12 @@ class MapState:
         """The robot's, and a point's: one, unless the robot's stance or price weighs cells anew."""
         robot = Robot()
         if self.vehicle is not None:
-            robot = resolve_name(self.vehicle.kind.robot)(self, self.vehicle, self._sides)
+            robot = resolve_name(self.vehicle.kind.robot)(self, self.vehicle, self.sides_m)
         self._put(robot, grid.model)
         if self._slope_cost is not None:
             from nnpp_edge.runtime.robots.slope.directed import price_of
 
-            price = price_of(self, self._slope_cost, self._sides)
+            price = price_of(self, self._slope_cost, self.sides_m)
             robot = robot._replace(price=price)
             if price.edges() is None:
                 self._put(robot, StepModel.of(StepCost.LENGTH))
@@ -179,7 +178,7 @@ class MapState:
             change = self.grid.update(weights, around[:2], keep_old_weights=keeps, weights=True)
         if self.unseen is not None:
             self.unseen.note(new)
-        change = self.grid.robot.follow(change, new, self, heights=changed.rim > 0)
+        change = self.grid.robot.follow(change, new, self, heights=changed is self.heights)
         if change.cells:
             self.log.append(change)
         return change
@@ -203,13 +202,13 @@ class MapState:
         if heights is None:
             return None
         base = np.asarray(heights.base, heights.array.dtype)
-        return np.where(self.unknown(), np.nan, heights.array + base)
+        return np.where(self.unknown((0, 0, *self.shape)), np.nan, heights.array + base)
 
-    def unknown(self, rows: slice = slice(None), cols: slice = slice(None)) -> Bool:
-        """Cells of which nothing is known, of the map or a part; a map of costs tells only if it
-        was to keep them.
+    def unknown(self, part: Rectangle) -> Bool:
+        """(h, w) cells of a part of the map of which nothing is known; a map of costs tells only
+        if it was to keep them.
         """
-        return self._lowest.unknown(rows, cols)
+        return self._lowest.unknown(part)
 
     def known_along(self, path: Cells) -> int:
         """Number of the cells of a path (N, 2), from its first on, that are known, with all under a
@@ -244,14 +243,14 @@ class MapState:
         slope_cost = self._slope_cost
         walker = slope_cost if slope_cost is not None and slope_cost.function else None
         metres = self.heights.metres_at(places)
-        return Along(places, metres, self._sides, self._mobility or UNTOLD, walker)
+        return Along(places, metres, self.sides_m, self._mobility or UNTOLD, walker)
 
     @property
     def reach_cells(self) -> int:
         """From the vehicle's middle to its farthest corner; 0 for a point."""
         if self.vehicle is None:
             return 0
-        return math.ceil(self.vehicle.reach_m / min(self._sides))
+        return math.ceil(self.vehicle.reach_m / min(self.sides_m))
 
     @property
     def costs_computed(self) -> float:
@@ -289,17 +288,12 @@ def map_state(
         return MapState(ground, [costs])
     from nnpp_edge.runtime.map.heights import Given, Heights, Told
 
-    unseen = None
-    if ground.factor > 1:
-        from nnpp_edge.runtime.map.unseen import Unseen
-
-        unseen = Unseen(ground)
-    lowest = Heights(ground, StepModel.of(StepCost.PAPER, omega), corner_cutting, unseen)
-    if warn and unseen is None:
+    lowest = Heights(ground, StepModel.of(StepCost.PAPER, omega), corner_cutting)
+    if warn and lowest.unseen is None:
         from nnpp_edge.runtime.terrain.traversability import warn_of_saturation
 
         warn_of_saturation(lowest.array, ground.limits, ground.sides_m)
     by_cells = ground.body is None and ground.slope_cost is None
     layers = [lowest, Told(lowest, shut_alone=not by_cells)]
     layers += [Given(lowest, name) for name in ground.layers]
-    return MapState(ground, layers, lazy=lazy or unseen is not None)
+    return MapState(ground, layers, lazy=lazy or lowest.unseen is not None)

@@ -23,8 +23,6 @@ from nnpp_edge.runtime.arrays import (
     Cells,
     Float2D,
     Float32s,
-    UInt8,
-    UInt16,
     close_border,
 )
 from nnpp_edge.runtime.bands import in_bands, stripes
@@ -32,7 +30,7 @@ from nnpp_edge.runtime.cells import Rectangle
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.kernels import records
 from nnpp_edge.runtime.kernels.by_address import RECORD_WORDS, address_of
-from nnpp_edge.runtime.kernels.records import Int64s, Packed
+from nnpp_edge.runtime.kernels.records import Packed, TileSource
 from nnpp_edge.runtime.kernels.tiles import (
     COSTED,
     LINKED,
@@ -78,6 +76,26 @@ def rectangle_of(area: tuple[int, int, int, int]) -> Rectangle:
     return row0, col0, row1 - row0, col1 - col0
 
 
+class CoarseRoom:
+    """Room for coarse levels of these shapes, finest first: weights, pieces and links, padded."""
+
+    def __init__(self, shapes: list[tuple[int, int]]) -> None:
+        sizes = [(rows + 2) * (cols + 2) for rows, cols in shapes]
+        firsts = [0, *itertools.accumulate(sizes)]
+        size = firsts[-1]
+        self.weights = np.zeros(size, np.float32)
+        self.pieces = np.zeros(size, np.uint16)
+        self.links = np.zeros(size, np.uint8)
+        self.parts = [slice(*ends) for ends in itertools.pairwise(firsts)]
+        """Where each level lies in these."""
+        levels = []
+        for part, (rows, cols) in zip(self.parts, shapes, strict=True):
+            close_border(self.weights[part], rows, cols)
+            levels.append((rows, cols, cols + 2, part.start))
+        self.levels = np.array(levels, np.int64)
+        """As in `TileSource`."""
+
+
 class Tiles:
     """Which parts of a map of heights have been computed, and what it takes to compute the others.
 
@@ -88,11 +106,11 @@ class Tiles:
 
     def __init__(self, heights: Float2D, coarsest: int, source: dict[str, object]) -> None:
         self.heights = heights
-        rows, cols = self.shape = (heights.shape[0], heights.shape[1])
+        rows, cols = heights.shape
         high, wide = self._sides = max(TILE_ROWS, coarsest), max(TILE_COLS, coarsest)
         self.state = np.zeros((-(-rows // high), -(-cols // wide)), np.uint8)
         """(I, J) uint8, what has been computed of each tile, as bits."""
-        self._source = NO_SOURCE._replace(
+        of_heights = NO_SOURCE._replace(
             heights=heights.reshape(-1),
             rows=rows,
             cols=cols,
@@ -101,7 +119,7 @@ class Tiles:
             costed=np.zeros(1, np.int64),
             **source,  # type: ignore[arg-type]  # fields by name
         )
-        """What the kernels compute by."""
+        self._compute_by(of_heights)
 
     @property
     def cells_computed(self) -> int:
@@ -115,39 +133,23 @@ class Tiles:
 
     def packed(self, number: int = 0) -> Packed:
         """As kernels take them that look at the level of that number."""
-        down, right = (side.bit_length() - 1 - 2 * number for side in self._sides)
+        down = self._source.row_shift - 2 * number
+        right = self._source.col_shift - 2 * number
         wanted = LINKED if number else SURROUNDED
         return tuple(records.TilesRecord(self.state, wanted, down, right, self._kept, _address()))
 
-    @functools.cached_property
-    def _kept(self) -> Int64s:
-        """The source, in memory from which kernels read it."""
-        memory = np.empty(RECORD_WORDS, np.int64)
-        keep_source(tuple(self._source), memory)
-        return memory
-
-    def add_levels(self, shapes: list[tuple[int, int]]) -> list[tuple[Float32s, UInt16, UInt8]]:
-        """Make room for coarse levels of these shapes, finest first: weights, pieces and links of
-        each, padded.
-        """
-        sizes = [(rows + 2) * (cols + 2) for rows, cols in shapes]
-        firsts = [0, *itertools.accumulate(sizes)]
-        rows_of = [
-            (rows, cols, cols + 2, first)
-            for (rows, cols), first in zip(shapes, firsts, strict=False)
-        ]
-        size = firsts[-1]
-        weights = np.zeros(size, np.float32)
-        pieces = np.zeros(size, np.uint16)
-        links = np.zeros(size, np.uint8)
-        self._source = self._source._replace(
-            levels=np.array(rows_of, np.int64), coarse=weights, pieces=pieces, links=links
+    def add_levels(self, room: CoarseRoom) -> None:
+        """Have the tiles fill coarse levels, too."""
+        source = self._source._replace(
+            levels=room.levels, coarse=room.weights, pieces=room.pieces, links=room.links
         )
-        vars(self).pop("_kept", None)
-        parts = [slice(first, first + size) for first, size in zip(firsts, sizes, strict=False)]
-        for part, (rows, cols) in zip(parts, shapes, strict=True):
-            close_border(weights[part], rows, cols)
-        return [(weights[part], pieces[part], links[part]) for part in parts]
+        self._compute_by(source)
+
+    def _compute_by(self, source: TileSource) -> None:
+        """Have the kernels compute by this source, which they read from memory."""
+        self._source = source
+        self._kept = np.empty(RECORD_WORDS, np.int64)
+        keep_source(tuple(source), self._kept)
 
     def open_at(self, row: int, col: int) -> None:
         """See to it that the weights of a cell and of those around it are there."""
@@ -169,12 +171,11 @@ class Tiles:
 
         OutOfTimeError at the deadline: then a search computes what is left where it reads it.
         """
-        rows, cols = self.shape
+        rows, cols = self.heights.shape
         weights = virtual_zeros((rows + 2) * (cols + 2), np.float32)
         passing = copy.copy(self)
         passing.state = np.zeros_like(self.state)
-        passing._source = self._source._replace(weights=weights)
-        vars(passing).pop("_kept", None)
+        passing._compute_by(self._source._replace(weights=weights))
         tiles = passing.packed()
         high = self._sides[0]
         linked = 0
@@ -197,7 +198,7 @@ class Tiles:
         call goes on.
         """
         tiles = self.packed()
-        rows, cols = self.shape
+        rows, cols = self.heights.shape
         high = self._sides[0]
         for work, done in ((compute_rows, COSTED | POOLED), (link_rows, LINKED)):
             wanted = done if len(self._source.levels) else done & COSTED

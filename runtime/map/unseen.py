@@ -47,8 +47,12 @@ class Unseen:
     def source(self) -> dict[str, object]:
         """Its fields of `records.TileSource`."""
         prices, states = self.layers.reshape(2, -1)
-        side = {"block_side": self.factor, "block_cols": self.dem.shape[1]}
-        return {**side, "block_prices": prices, "block_states": states}
+        return {
+            "block_side": self.factor,
+            "block_cols": self.dem.shape[1],
+            "block_prices": prices,
+            "block_states": states,
+        }
 
     def see(self, part: Rectangle, known: Bool, heights: Float2D) -> None:
         """Have the blocks take heights under the cells of a part that are `known` (h, w) now; those
@@ -74,9 +78,8 @@ class Unseen:
         """Heights of cells in a part of the map have changed, or what was told of them; so has what
         the cells beside them cost.
         """
-        row, col, rows, cols = part
-        around = max(row - 1, 0), max(col - 1, 0), rows + 2, cols + 2
-        if rows:
+        if part[2]:
+            around = widened(part, (1, 1), self.ground.shape)
             self._new[slices(above(around, self.factor))] = True
 
     def read(self, grid: Grid, deadline: Deadline = NEVER) -> Iterator[Rectangle]:
@@ -128,9 +131,9 @@ class Unseen:
         price: Float2D = share * here + (1.0 - share) * self.layers[0][blocks]
         return np.where((share == 1.0) & (blocked == 1.0), np.float32(np.inf), price)
 
-    def unknown(self, rows: slice, cols: slice) -> Bool:
-        """Cells of a part of the map whose heights mean nothing."""
-        unknown: Bool = self.layers[1][self._blocks(rows, cols)] == BLOCK_UNTOUCHED
+    def unknown(self, part: Rectangle) -> Bool:
+        """(h, w) cells of a part of the map whose heights mean nothing."""
+        unknown: Bool = self.layers[1][self._blocks(part)] == BLOCK_UNTOUCHED
         return unknown
 
     def means(self, part: Rectangle) -> bool:
@@ -146,12 +149,14 @@ class Unseen:
         unknown = self.layers[1][tuple(blocks.T)] == BLOCK_UNTOUCHED
         return np.where(unknown, heights_at(self.dem, (places + 0.5) / self.factor - 0.5), known)
 
-    def at(self) -> Float2D:
-        """(rows, cols) the price of each cell of the map."""
-        prices: Float2D = self.layers[0][self._blocks(slice(None), slice(None))]
+    def prices(self, part: Rectangle) -> Float2D:
+        """(h, w) the price of each cell of a part of the map."""
+        prices: Float2D = self.layers[0][self._blocks(part)]
         return prices
 
-    def _blocks(self, rows: slice, cols: slice) -> tuple[NDArray[np.intp], ...]:
+    def _blocks(self, part: Rectangle) -> tuple[NDArray[np.intp], ...]:
         """Those of the cells of a part of the map, to index with."""
-        sides = zip(self.dem.shape, (rows, cols), strict=True)
-        return np.ix_(*(np.arange(side * self.factor)[part] // self.factor for side, part in sides))
+        row, col, rows, cols = part
+        down = np.arange(row, row + rows) // self.factor
+        across = np.arange(col, col + cols) // self.factor
+        return np.ix_(down, across)

@@ -42,7 +42,7 @@ def plan_towards(
         beyond = np.isfinite(moves.costs_of_cells(grid, query.goal, memory, query.deadline))
     beyond[query.goal] = True
     costs = moves.costs_of_cells(grid, query.start, memory, query.deadline)
-    unknown = state.unknown()
+    unknown = state.unknown((0, 0, *state.shape))
     margin = state.reach_cells + 2
     for _ in range(_PLACES):
         place = place_towards(query.goal, query.start, costs, beyond, unknown, margin, present)

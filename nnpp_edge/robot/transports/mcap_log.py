@@ -81,7 +81,7 @@ class McapLog:
         self._mcap = optional_module("mcap.writer", "a log", "robot")
         self._limit = 0.5 * max(_LIMIT_BYTES, 4.0 * math.prod(state.shape))
         self._state = state
-        self._cell = 1.0 if state.sides_m is None else state.sides_m[0]
+        self._cell = state.sides_m[0]
         self._lock = threading.Lock()
         self._last_path: Cells | None = None
         self._heights_came = False

@@ -207,7 +207,8 @@ class RecordedSource:
         self._workers = []
         for recorder in recorders:
             guard = Guard("recording an input", "record", count_error)
-            worker = Worker(partial(_record, recorder), BoundedQueue(_MOST_WAITING, _size), guard)
+            waiting = BoundedQueue(_MOST_WAITING, _size, patient=lambda: wait)
+            worker = Worker(partial(_record, recorder), waiting, guard)
             self._workers.append(worker)
             worker.start()
 
@@ -228,7 +229,7 @@ class RecordedSource:
         them.
         """
         for worker in self._workers:
-            worker.close(_PATIENCE_S, patient=lambda: self._wait)
+            worker.close(_PATIENCE_S)
 
 
 def _record(recorder: Recorder, timed: Timed) -> None:
