@@ -12,6 +12,7 @@ both halves of a step's cost shrink alike. Directed steps are averaged by direct
 `robots.slope.directed`.
 """
 
+import functools
 import itertools
 import math
 from collections.abc import Iterator
@@ -146,6 +147,7 @@ def coarse_shapes(rows: int, cols: int) -> list[tuple[int, int]]:
     return shapes
 
 
+@functools.lru_cache(maxsize=64)
 def quarters(cells: int) -> Int32:
     """(cells,) int32, the quarter of a coarse cell, along one side of the map, that each row or
     column lies in.

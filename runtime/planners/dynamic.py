@@ -478,13 +478,14 @@ class DynamicPlanner(OnMap):
         end = cell_of(way[-1])
         if not to_goal and end != place.goal:
             place = place._replace(goal=end, wanted=None)
+        checked_before = grid.robot.stance.checks
         path = self._joiner.join(way, place)
         if path is None:
             return None
         # `Found.of` adds what the height between the ends is worth
         bound = float(octile.py_func(*place.start, *place.goal, *grid.prices))
         found = Found.of(grid, Search(Status.OK, path, 0, bound), Source.STANDING)
-        return found.plan(DynamicMethod(by), work, self._state, choice=_JOINED)
+        return found.plan(DynamicMethod(by), work, self._state, checked_before, choice=_JOINED)
 
     def _join(self, place: Query, *, as_good: bool) -> Plan | None:
         """The standing path, joined to where the robot and the goal are and led around what blocks

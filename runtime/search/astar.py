@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from nnpp_edge.runtime.arrays import Bool, Cells, Float2D, Float32s, Floats, Int64, UInt8
-from nnpp_edge.runtime.cells import Cell, apart
+from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels import expansion as kernels
@@ -78,7 +78,9 @@ class Query(NamedTuple):
     @property
     def apart(self) -> int:
         """Cells between start and goal, as the king moves."""
-        return apart((*self.start, 1, 1), self.goal)
+        rows = abs(self.start[0] - self.goal[0])
+        cols = abs(self.start[1] - self.goal[1])
+        return max(rows, cols)
 
 
 class Search(NamedTuple):

@@ -19,7 +19,6 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.srv import ChangeState, GetState
 from nav_msgs.msg import Goals, OccupancyGrid
 from nav_msgs.msg import Path as PathOfPoses
@@ -113,17 +112,6 @@ class Node:
         """The next path that is as wanted: (N, 3) x, y and yaw in degrees."""
         return poses_of(self.peer.wait("plan", lambda message: holds(poses_of(message))))
 
-    def trouble(self, words):
-        """Wait until the diagnostics say so."""
-
-        def says(message):
-            (status,) = message.status
-            return any(
-                words in each for each in (status.message, *(v.value for v in status.values))
-            )
-
-        self.peer.wait("/diagnostics", says)
-
     def close(self):
         self.process.terminate()
         code = self.process.wait(10.0)
@@ -166,7 +154,6 @@ def peer():
         with closing(Peer(DOMAIN)) as peer:
             peer.listen("plan", PathOfPoses, LATCHED)
             peer.listen("plan_gears", Int8MultiArray, LATCHED)
-            peer.listen("/diagnostics", DiagnosticArray)
             yield peer
 
 

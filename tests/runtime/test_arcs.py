@@ -435,8 +435,12 @@ def test_a_way_around_what_blocks_the_path_joins_it_close_behind(monkeypatch):
     moving = drives(np.zeros((80, 240)), (40, 20), 90.0, (40, 220))
     moving.replan()
     moving.update_elevation(39, 35, np.full((3, 2), 2.0))
-    assert moving.replan().ok
+    stance = moving.state.grid.robot.stance
+    before = stance.checks
+    plan = moving.replan()
+    assert plan.ok
     assert 40 < joined[-1][1] < 80
+    assert plan.checks == stance.checks - before > 0
 
 
 @pytest.mark.parametrize(("method", "most"), [("corridor", 100_000), ("astar", 28_000)])

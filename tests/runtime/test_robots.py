@@ -31,6 +31,8 @@ from tests.worlds import ANY_MOTIONS, WORLDS, same_maps
 
 MAPS = int(os.environ.get("NNPP_EDGE_MAPS", "10"))
 ALL = WORLDS | ANY_MOTIONS
+KNOWN = {"any arcs": [213]}
+"""Numbers of worlds in which an answer was wrong once."""
 pytestmark = pytest.mark.filterwarnings("ignore:the network .* was trained for omega")
 
 
@@ -44,7 +46,8 @@ def worlds(monkeypatch):
     """
 
     def made(name, seed=0):
-        for number in range(MAPS // 2 if "body" in name or "arcs" in name else MAPS):
+        count = MAPS // 2 if "body" in name or "arcs" in name else MAPS
+        for number in [*range(count), *KNOWN.get(name, [])]:
             few = number % 2
             monkeypatch.setattr(pyramid, "ANOTHER_LEVEL_FROM", (256, 8)[few])
             for expansions in ("AROUND_GOAL", "LATE_IN_REGION", "LATE_ON_MAP"):
@@ -88,13 +91,6 @@ def test_every_method_finds_dijkstras_cost_and_no_bound_is_above_it(name, worlds
             part = np.where(reached <= within, reached, np.inf)
             np.testing.assert_array_equal(planner.reach(start, within), part)
     assert found > MAPS
-
-
-def test_the_best_path_is_found_past_a_cell_that_the_field_closed_before_its_cost_was_least():
-    world = ANY_MOTIONS["any arcs"](np.random.default_rng([0, 213]))
-    ends = (24, 20), (27, 31)
-    plan = world.planner().plan(*ends, method="astar")
-    assert plan.cost == pytest.approx(world.optimum(*ends), rel=1e-6)
 
 
 @pytest.mark.parametrize("name", WORLDS)
