@@ -234,9 +234,9 @@ def _told_at(dem: Float2D, cell: Cell, sides_m: Sides) -> list[tuple[Term, float
     """Terms of a cell and its steepest step to a known neighbour, in the units of their limits;
     nothing of an unknown one.
     """
-    top, left, *_ = part = widened((*cell, 1, 1), (1, 1), dem.shape)
-    row = cell[0] - top
-    col = cell[1] - left
+    part = widened((*cell, 1, 1), (1, 1), dem.shape)
+    row = cell[0] - part[0]
+    col = cell[1] - part[1]
     around = dem[slices(part)]
     rises = np.abs(around.astype(np.float64) - around[row, col])
     known = np.isfinite(rises)
