@@ -28,7 +28,7 @@ def outcome(
         of["gap"] = gap(cost, optimum)
     if region is not None:
         area = region.area()
-        of |= {"mm": optimal_cells / area, "share": area / region.cells}
+        of |= {"mm": optimal_cells / area, "share": region.mask().mean()}
     return of
 
 

@@ -112,8 +112,7 @@ def _exercise_body_kernels(dem: Float2D) -> None:
     planner.explain((70, 12), 0.0)
     state = planner.state
     finest, above, *_ = state.pyramid.levels
-    coarse = CoarseLevel(above)
-    nothing = np.zeros((2 * coarse.grid.rows, 2 * coarse.grid.cols), np.int32)
-    coarse.close_dead_ends(
-        Region(nothing, *finest.quarters, 1), Workspace(len(finest.grid.weights)), state.shape
-    )
+    memory = Workspace(len(finest.grid.weights))
+    nothing = np.zeros((2 * above.grid.rows, 2 * above.grid.cols), np.int32)
+    region = Region(nothing, *finest.quarters, 1)
+    CoarseLevel(above, finest).close_dead_ends(region, memory, state.shape)

@@ -69,14 +69,6 @@ cells were expanded hundreds of times. D* Lite's keys are in order on paths of 2
 
 ANOTHER_LEVEL_FROM = 256
 """Cells of a coarse level's longer side from which on another level is put on top of it."""
-LEVEL_LANDMARKS, LANDMARK_PATIENCE = 3, 3
-"""Landmarks that a coarse level gets once searches have expanded so many times its cells, which is
-what setting them takes: one a search, used when all are there. At 256² 600 cells are expanded then
-in place of 1,800; with 1 and 2 of them 1,240 and 930, in more time than without any."""
-MOST_CELLS_FOR_LANDMARKS = 1 << 15
-"""Cells of a level that may get landmarks: on one of so many, setting one takes two
-milliseconds.
-"""
 CELLS_APART = 16
 """The coarsest level that is searched is the last on which start and goal are so many
 cells apart.
@@ -118,8 +110,10 @@ AT_ENDS = 64
 22 had an end from which at most 22 states are reached, which took the field 80 to 200 ms."""
 LATE_IN_REGION, LATE_ON_MAP = 32768, 16384
 """Expansions of a body's search, of arcs in a region and else, from which on the last metres are
-searched from the goal. In a region after 8,192, 65,536, never, 512², radius 4 m: median 67, 54, 54
-ms, slowest 354, 404, 615; small rocks, 256², after 16,384, 32,768: p95 109, 109 ms, median 33, 31.
+searched from the goal, or as many as filled the field, if those are more: it is filled again then.
+With 16,384 alone exact search took 1.15 times as long at 512². In a region after 8,192, 65,536,
+never, 512², radius 4 m: median 67, 54, 54 ms, slowest 354, 404, 615; after 16,384, small rocks,
+256², p95 1.2 times as long.
 """
 CHECKED_SHARE, RISEN = 0.125, 1.01
 """How many expansions of its own that search may take then for each; and how many times more must

@@ -6,7 +6,11 @@ import numpy as np
 from hypothesis import strategies as st
 
 from nnpp_edge.runtime import Planner
+from nnpp_edge.runtime.kernels.nodes import COL_STEP, ROW_STEP
 from nnpp_edge.runtime.kernels.poses import AXIS_COUNT, FAILS, MOST_CODE
+from nnpp_edge.runtime.planners.coarse_to_fine import CoarseToFine
+from nnpp_edge.runtime.search.workspace import Workspace
+from tests import oracles
 
 
 def flat(rows, cols, value=0.0):
@@ -101,6 +105,28 @@ def random_patch(rng, cost, step_cost="paper", kind="uniform", blocked=0.3):
 def state_of(cost, step_cost="paper", corner_cutting=True):
     """The state of a planner's map of costs."""
     return Planner(cost, step_cost=step_cost, corner_cutting=corner_cutting).state
+
+
+def descent_of(state):
+    """What searches a map's coarse levels, and these, the map first."""
+    descent = CoarseToFine(state, Workspace(len(state.grid.weights)))
+    return descent, descent.update()
+
+
+def costs_on(level, source):
+    """(rows, cols) cost of the cheapest path from a cell to each of a coarse level, over its links."""
+    grid = level.grid
+    price = grid.robot.price
+    ways = []
+    for k, (down, right) in enumerate(zip(ROW_STEP, COL_STEP, strict=True)):
+        here = np.flatnonzero((level.links >> k) & 1)
+        there = here + down * grid.stride + right
+        pair = grid.weights[here].astype(float) + grid.weights[there]
+        cost = price.edges()[here, k] if price.directed else grid.model.step(int(k >= 4), pair)
+        ways.append((here, there, cost))
+    shape = (grid.rows + 2, grid.stride)
+    begin = (source[0] + 1, source[1] + 1)
+    return oracles.costs_from(oracles.possible(ways), shape, begin)[1:-1, 1:-1]
 
 
 def scrambled(planner, seed):

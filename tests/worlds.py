@@ -301,7 +301,7 @@ def same_maps(one, other):
         np.testing.assert_array_equal(ours.pieces, theirs.pieces)
         np.testing.assert_array_equal(ours.links, theirs.links)
         prices = [each.grid.robot.price for each in (ours, theirs)]
-        if prices[0].edges() is not None:
+        if prices[0].directed:
             np.testing.assert_allclose(*(each.edges() for each in prices), rtol=1e-5)
             np.testing.assert_allclose(*(each.edges(True) for each in prices), rtol=1e-5)
 

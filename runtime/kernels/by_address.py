@@ -2,36 +2,38 @@
 calls it. And records that lie in memory: to hand over one of many arrays takes 10 µs at each call.
 """
 
+import numpy as np
 from numba import typeof, types
 from numba.core import cgutils
 from numba.extending import lower_builtin, type_callable
 
-RECORD_WORDS = 128
-"""Of memory for a record: an array takes seven to nine."""
+RECORD_WORDS = 224
+"""Of memory for a record: an array takes seven to eleven."""
 _RECORDS = []
 """Where kernels are not compiled: memory holds a record's number here."""
 
 
-def call_at(kernel, address, arguments):
+def call_at(kernel, address, arguments, like):
     """Call a kernel that lies at an address, compiled for just these arguments, a tuple; what it
-    returns is dropped.
+    returns is of the type of `like`.
     """
-    kernel(*arguments)
+    return kernel(*arguments)
 
 
-type_callable(call_at)(lambda context: lambda kernel, address, arguments: types.none)
+type_callable(call_at)(lambda context: lambda kernel, address, arguments, like: like)
 
 
-@lower_builtin(call_at, types.Any, types.Integer, types.BaseTuple)
+@lower_builtin(call_at, types.Any, types.Integer, types.BaseTuple, types.Any)
 def _call_at(context, builder, signature, values):
     convention = context.call_conv
-    _, address, arguments = values
+    _, address, arguments, _ = values
     kinds = signature.args[2].types
-    function = convention.get_function_type(types.none, kinds)
+    kind = signature.return_type
+    function = convention.get_function_type(kind, kinds)
     pointer = builder.inttoptr(address, function.as_pointer())
     unpacked = cgutils.unpack_tuple(builder, arguments)
-    convention.call_function(builder, pointer, types.none, kinds, unpacked)
-    return context.get_dummy_value()
+    _, found = convention.call_function(builder, pointer, kind, kinds, unpacked)
+    return found
 
 
 def address_of(kernel, *arguments):
@@ -40,9 +42,10 @@ def address_of(kernel, *arguments):
     """
     if not hasattr(kernel, "overloads"):
         return 0
-    if not kernel.overloads:
-        kernel.compile(tuple(map(typeof, arguments)))
-    (compiled,) = kernel.overloads.values()
+    kinds = tuple(map(typeof, arguments))
+    if kinds not in kernel.overloads:
+        kernel.compile(kinds)
+    compiled = kernel.overloads[kinds]
     return compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name)
 
 
@@ -64,9 +67,24 @@ def _put_record(context, builder, signature, values):
     return context.get_dummy_value()
 
 
-def reader_like(record):
-    """A function of memory that reads what `put_record` wrote there, a record of the same types."""
-    kind = typeof(record)
+def blank(kind, dimensions=1):
+    """A record of this kind in which nothing is: no elements of arrays, and numbers that are 0; or
+    what else a field is annotated with.
+    """
+    if hasattr(kind, "__metadata__"):
+        (told,) = kind.__metadata__
+        return blank(kind.__origin__, told) if isinstance(told, int) else blank(told)
+    if hasattr(kind, "_fields"):
+        return kind(*map(blank, kind.__annotations__.values()))
+    if isinstance(kind, type):
+        return kind()
+    _, number = kind.__args__
+    return np.empty((0,) * dimensions, *number.__args__)
+
+
+def reader_of(record):
+    """A function of memory that reads what `put_record` wrote there, a record of this kind."""
+    kind = typeof(blank(record))
 
     def read(memory):
         return _RECORDS[memory[0]]

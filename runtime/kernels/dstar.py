@@ -4,9 +4,6 @@ The search leads from the goal to the start. A node whose g and rhs differ waits
 heap with four entries below each. Its key is min(g, rhs) + h + km: the paper's second part tells a
 node from those that its cost rests on where the first is equal, which it never is here, as h falls
 by less along a step than the step costs.
-
-Where steps are directed, ``edges`` is (nodes, 8) float32, what the step that leaves a node in each
-direction costs, else None.
 """
 
 from numpy import float64, inf, int64, uint64
@@ -47,9 +44,10 @@ SPARE_SLOTS = 4
 
 
 @inlined
-def _cost(node, k, there, search, edges):
+def _cost(node, k, there, search):
     """Cost of the step from a node in direction k; inf where there is none."""
-    if edges is not None:
+    edges = search.grid.edges
+    if len(edges):
         return float64(edges[uint64(node), uint64(k)])
     weights = search.grid.weights
     pair = float64(weights[uint64(node)]) + float64(weights[uint64(there)])
@@ -61,13 +59,13 @@ def _cost(node, k, there, search, edges):
 
 
 @inlined
-def _least_by_way(node, search, edges):
+def _least_by_way(node, search):
     """The least cost to the goal by way of a neighbour, and the direction of that neighbour."""
     best = inf
     direction = int64(-1)
     for k in range(8):  # unrolled by the compiler
         there = neighbour(node, k, search.grid.stride)
-        by_way = _cost(node, k, there, search, edges) + search.g[uint64(there)]
+        by_way = _cost(node, k, there, search) + search.g[uint64(there)]
         direction = k if by_way < best else direction
         best = min(best, by_way)
     return best, direction
@@ -162,7 +160,7 @@ def _update_vertex(node, row, col, rhs, search):
 
 
 @kernel
-def update_vertices(search: DStar, edges, part: Rectangle, blocks, until):
+def update_vertices(search: DStar, part: Rectangle, blocks, until):
     """Work out rhs anew of the nodes in a `Rectangle` of the map, as far as they lie in some
     `blocks` of the region's bitmap, (I, J) bool; the number of rows done before it is late.
     """
@@ -177,7 +175,7 @@ def update_vertices(search: DStar, edges, part: Rectangle, blocks, until):
                 continue
             rhs = inf
             if _may_enter(node, row, col, search):
-                rhs, _ = _least_by_way(node, search, edges)
+                rhs, _ = _least_by_way(node, search)
             _update_vertex(node, row, col, rhs, search)
         if late(until):
             return done + 1
@@ -185,12 +183,12 @@ def update_vertices(search: DStar, edges, part: Rectangle, blocks, until):
 
 
 @inlined
-def _neighbours(node, g, resting, search, edges):
+def _neighbours(node, g, resting, search):
     """The neighbours, as bits, whose rhs rests on a node of this g; or else would, and lower."""
     found = int64(0)
     for k in range(8):  # unrolled by the compiler
         there = neighbour(node, k, search.grid.stride)
-        by_way = _cost(there, OPPOSITE[k], node, search, edges) + g
+        by_way = _cost(there, OPPOSITE[k], node, search) + g
         rhs = search.rhs[uint64(there)]
         rests = (by_way == rhs) & (by_way < inf) if resting else by_way < rhs
         found |= int64(rests) << k
@@ -198,11 +196,11 @@ def _neighbours(node, g, resting, search, edges):
 
 
 @inlined
-def _lower(node, row, col, search, edges):
+def _lower(node, row, col, search):
     """Have g of a node fall to its rhs, and rhs of neighbours for which that is cheaper."""
     g = search.rhs[uint64(node)]
     search.g[uint64(node)] = g
-    reached = _neighbours(node, g, False, search, edges)
+    reached = _neighbours(node, g, False, search)
     while reached:
         k = lowest_bit(reached)
         reached &= reached - 1
@@ -210,27 +208,27 @@ def _lower(node, row, col, search, edges):
         below = row + ROW_STEP[k]
         right = col + COL_STEP[k]
         if _may_enter(there, below, right, search):
-            by_way = _cost(there, OPPOSITE[k], node, search, edges) + g
+            by_way = _cost(there, OPPOSITE[k], node, search) + g
             _update_vertex(there, below, right, by_way, search)
 
 
 @inlined
-def _raise(node, row, col, search, edges):
+def _raise(node, row, col, search):
     """Have g of a node rise to inf, and work out rhs anew of the neighbours that rested on it."""
     g = search.g[uint64(node)]
     search.g[uint64(node)] = inf
     _update_vertex(node, row, col, search.rhs[uint64(node)], search)
-    rested = _neighbours(node, g, True, search, edges)
+    rested = _neighbours(node, g, True, search)
     while rested:
         k = lowest_bit(rested)
         rested &= rested - 1
         there = neighbour(node, k, search.grid.stride)
-        rhs, _ = _least_by_way(there, search, edges)
+        rhs, _ = _least_by_way(there, search)
         _update_vertex(there, row + ROW_STEP[k], col + COL_STEP[k], rhs, search)
 
 
 @kernel
-def compute_shortest_path(search: DStar, edges, until):
+def compute_shortest_path(search: DStar, until):
     """Expand nodes until rhs of the start is its cost to the goal, or it is late: which, as `FOUND`
     or `PAUSED`, and the number of expansions.
     """
@@ -260,14 +258,14 @@ def compute_shortest_path(search: DStar, edges, until):
             computed = open_at(search.grid.tiles, row - 1, col - 1)
             if g > rhs:
                 _remove(0, search)
-                _lower(node, row, col, search, edges)
+                _lower(node, row, col, search)
             else:
-                _raise(node, row, col, search, edges)
+                _raise(node, row, col, search)
     return FOUND, expansions
 
 
 @kernel
-def trace(search: DStar, edges, path):
+def trace(search: DStar, path):
     """Write the cells of the path from the start to the goal; its length."""
     stride = search.grid.stride
     node = search.start
@@ -278,6 +276,6 @@ def trace(search: DStar, edges, path):
         length += 1
         if node == search.goal:
             break
-        _, k = _least_by_way(node, search, edges)
+        _, k = _least_by_way(node, search)
         node = neighbour(node, k, stride)
     return length

@@ -160,38 +160,40 @@ def _in_float32(steps):
 
 
 @inlined
-def _improved(node, g_node, edges, task):
+def _improved(node, g_node, task):
     """The neighbours, as bits, that are reached at a lower g than before by way of a node."""
     weights = task.grid.weights
+    edges = task.grid.edges
     own = weights[uint64(node)]
     better = int64(0)
     for k in range(8):  # unrolled by the compiler
         there = neighbour(node, k, task.grid.stride)
-        if edges is None:  # inf where impassable
-            step = step_cost(k >= 4, own + weights[uint64(there)], task.terms)
-        else:
+        if len(edges):
             step = edges[uint64(node), uint64(k)]
+        else:  # inf where impassable
+            step = step_cost(k >= 4, own + weights[uint64(there)], task.terms)
         better |= int64(g_node + step < known(task.memory, there)) << k
     return better
 
 
 @inlined
-def _relax(node, row, col, k, g_node, own, edges, task, front):
+def _relax(node, row, col, k, g_node, own, task, front):
     """Relax the step in direction k from a node, which comes to a lower g there than before."""
     weights = task.grid.weights
+    edges = task.grid.edges
     hints = task.judge.hints
     goal = task.judge.goal
     down = int64(ROW_STEP[k])
     right = int64(COL_STEP[k])
     down_nodes = down * task.grid.stride
     there = int64(node + down_nodes + right)
-    if edges is None:
+    if len(edges):
+        reached = g_node + edges[uint64(node), uint64(k)]
+    else:
         checked = k >= 4 and not task.grid.corner_cutting
         if checked and beside_wall(weights, node, down_nodes, right):
             return front
         reached = g_node + step_cost(k >= 4, own + weights[uint64(there)], task.terms)
-    else:
-        reached = g_node + edges[uint64(node), uint64(k)]
     h = _distance(row + down, col + right, task.judge)
     if len(hints.fields):
         h = max(h, _apart(hints, there) - hints.slack)
@@ -225,10 +227,10 @@ def _set_out(start, h, width, memory):
 @kernel
 def expand(
     grid: GridRecord,
-    edges,
     links,
     region: RegionRecord,
     hints: Hints,
+    beyond,
     ends: Ends,
     rule: Rule,
     memory: Memory,
@@ -247,9 +249,6 @@ def expand(
     ----------
     grid, region, hints, ends, rule, memory, limits
         Records, see `kernels.records`.
-    edges : (nodes, 8) float32 or None
-        What the step that leaves a node in each direction costs, inf where there is none. None
-        where steps cost by the weights of their ends.
     links : (nodes,) uint8
         The directions in which each cell may be left, as bits; `NO_LINKS` where passability
         decides.
@@ -266,13 +265,13 @@ def expand(
     goal = ends.goal
     place = (stride, goal, goal // stride, goal % stride)
     judge = Judge(*place, rule.h_straight, rule.h_diagonal, hints)
-    task = Task(grid, _in_float32(grid.steps), region, judge, rule.beyond, memory)
+    task = Task(grid, _in_float32(grid.steps), region, judge, beyond, memory)
     if ends.start >= 0:
         h = _left(ends.start, judge)
         _set_out(ends.start, h, rule.width, memory)
         if h == inf:  # a landmark is connected to only one of the two
             return EXHAUSTED, 0, 0, inf
-    front = resumed(memory, float64(known(memory, goal)) * rule.beyond)
+    front = resumed(memory, float64(known(memory, goal)) * beyond)
     best_h = memory.reals[BEST_H]
     room = int64(len(memory.entries)) // 2 - 8
     inverse_stride = 1.0 / stride
@@ -309,7 +308,7 @@ def expand(
         if h < best_h:
             best_h = h
             memory.control[BEST_NODE] = node
-        better = _improved(node, g_node, edges, task)
+        better = _improved(node, g_node, task)
         better &= rule.successors[uint64(word & DIRECTION_BITS)]
         if len(links) > 0:
             better &= int64(links[uint64(node)])
@@ -317,7 +316,7 @@ def expand(
         while better:
             k = lowest_bit(better)
             better &= better - 1
-            front = _relax(node, row, col, k, g_node, own, edges, task, front)
+            front = _relax(node, row, col, k, g_node, own, task, front)
     suspend(memory, front.queue, front.refused, expansions)
     memory.reals[BEST_H] = best_h
     if code == FOUND:

@@ -15,7 +15,11 @@ FULL = 3
 """Why a search's kernel ended: the goal is settled, nothing is left on the open list, it is to go
 on later, or the open list has no room.
 """
+WITHOUT_END = (1 << 62) - 1
+"""Expansions that no search comes to."""
 STAMP_SHIFT = 6
+LAST_STAMP = (1 << (31 - STAMP_SHIFT)) - 1
+"""A word's uppermost bits are the number of the search that wrote it; and the greatest of these."""
 OPEN_BIT = 16
 UNSURE_BIT = 32
 """To be expanded; and come to by a motion that has not been checked (`kernels.lattice`)."""
@@ -101,6 +105,17 @@ def visit(memory, node, g, word):
     """Come to a node: write its g, and its word with the number of the search."""
     memory.g[uint64(2 * node)] = g
     put_word(memory.meta, node, (memory.stamp << STAMP_SHIFT) | word)
+
+
+@kernel
+def next_stamp(meta):
+    """Begin another search in its memory, whose number this is; all nodes read as unvisited."""
+    number = meta[0] + 1
+    if number > LAST_STAMP:
+        meta[1::2] = 0
+        number = 1
+    meta[0] = number
+    return number
 
 
 @inlined

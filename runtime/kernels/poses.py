@@ -371,7 +371,7 @@ def check_run(poses: PosesRecord, row, col, motion):
 @inlined
 def check_there(poses, row, col, motion):
     """`check_run`, for other kernels to call."""
-    call_at(check_run, poses.check_run, (poses, row, col, motion))
+    call_at(check_run, poses.check_run, (poses, row, col, motion), None)
 
 
 @kernel

@@ -2,7 +2,8 @@
 
 They are handed over as plain tuples, so that a call takes what one with plain tuples does. A kernel
 that says which record a parameter is, ``grid: GridRecord``, reads its fields by name. A record
-within another is a plain tuple as well, and named with it where its field is annotated. They stand
+within another is a plain tuple as well, and named with it where its field is annotated; arrays of
+more than one dimension in records that lie in memory are annotated with these. They stand
 here, as compiled kernels hold the places of their fields (`compiled.places`).
 """
 
@@ -60,7 +61,7 @@ class TileSource(NamedTuple):
     col_shift: int
     """By how many bits a row, and a column, of the map is shifted to give its tile's."""
     corner_cutting: bool
-    levels: Int64s
+    levels: Annotated[Int64s, 2]
     """(L, 4) `LEVEL_ROWS` and the others below, of each coarse level."""
     coarse: Floats
     """(…,) weights of all coarse levels, one after another."""
@@ -95,7 +96,7 @@ LEVEL_COLUMNS = 4
 class TilesRecord(NamedTuple):
     """Which tiles of a map of heights have been computed, for a search of one of its levels."""
 
-    state: Bytes
+    state: Annotated[Bytes, 2]
     """(I, J) what has been done to each tile, as bits (`kernels.tiles`)."""
     wanted: int
     """The bit without which a cell of a tile may not be left."""
@@ -119,6 +120,9 @@ class GridRecord(NamedTuple):
     corner_cutting: bool
     """Whether a diagonal step may pass beside an impassable cell."""
     tiles: Annotated[Packed, TilesRecord]
+    edges: Annotated[Floats, 2]
+    """(nodes, 8) what the step that leaves a node in each direction costs, inf where there is none;
+    (0, 8) where steps cost by the weights of their ends."""
 
 
 class LevelRecord(NamedTuple):
@@ -247,7 +251,7 @@ class Memory(NamedTuple):
     control: Int64s
     reals: Doubles
     """What `FREE` and `BASE`, and the others below them, say."""
-    path: Int32s
+    path: Annotated[Int32s, 2]
     """(N, 2 or 3) cells of the path found, goal first, and of a body the state on each."""
 
 
@@ -302,8 +306,6 @@ class Rule(NamedTuple):
     """Of a bucket of the open list at first, in units of f."""
     successors: Int64s
     """(16,) of the grid, one of `SUCCESSORS`."""
-    beyond: float
-    """How far beyond the goal to look, in times of its g."""
 
 
 class Hints(NamedTuple):
@@ -427,14 +429,6 @@ class FinerSteps(NamedTuple):
 # Corridors
 
 
-class Searched(NamedTuple):
-    """What a search leaves in its memory, see `Memory`."""
-
-    g: Floats
-    meta: Int32s
-    stamp: int
-
-
 class FloodMemory(NamedTuple):
     """Scratch memory of a flood."""
 
@@ -453,26 +447,40 @@ class Width(NamedTuple):
     """The quarters of cells within so many of the path's are marked, as the king moves."""
     band: float
     """And cells on paths that cost at most 1 + `band` times as much."""
-    until: float
-    """As far as these are found by that reading of the clock, s."""
+    coarse_radius: int
+    coarse_band: float
+    """Added between two coarse levels."""
 
 
-class Marks(NamedTuple):
-    """Where a region is marked, and the number that is written."""
+class CoarseLevel(NamedTuple):
+    """A coarse level, as `kernels.corridor.descend` searches it."""
 
-    bitmap: Int32s
-    """(2 rows, 2 cols) over the quarters of a level's cells."""
-    stamp: int
+    grid: Annotated[Packed, GridRecord]
+    """With the edges of steps that come to a node: it is searched from the goal."""
+    links: Bytes
+    edges: Annotated[Floats, 2]
+    """Of steps that leave a node."""
+    rule: Annotated[Packed, Rule]
+    memory: Annotated[Packed, Memory]
+    flood: Annotated[Packed, FloodMemory]
+    bitmap: Annotated[Int32s, 2]
+    """(2 rows, 2 cols) over the quarters of its cells: where to search the next finer level."""
+    marked: Int64s
+    """(1,) the number that was marked last."""
+    row_block: Int32s
+    col_block: Int32s
+    """The quarter of its cells in which each row, and each column, of the next finer level lies."""
+    expand: int
+    """Address of `expand`."""
 
 
-class FinerLevel(NamedTuple):
-    """The next finer level, and the memory of its searches."""
-
-    weights: Floats
-    stride: int
-    rows: int
-    cols: int
-    meta: Int32s
+TOP = 0
+LEVEL_AT = 1
+BEGUN = 2
+SPENT = 3
+DESCENT_SLOTS = 4
+"""Of a descent: its first level, the level that is searched, whether its search has begun, and the
+expansions so far."""
 
 
 # Regions of a network

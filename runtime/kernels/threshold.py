@@ -20,9 +20,9 @@ from nnpp_edge.runtime.kernels.nodes import (
 from nnpp_edge.runtime.kernels.records import (
     GridRecord,
     Lookup,
+    Memory,
     RegionMarks,
     RegionQuery,
-    Searched,
     ThresholdMemory,
 )
 from nnpp_edge.runtime.kernels.tiles import open_at
@@ -208,7 +208,7 @@ def first_regions(
     links,
     query: RegionQuery,
     memory: ThresholdMemory,
-    walk: Searched,
+    walk: Memory,
     marks: RegionMarks,
     until,
 ):
@@ -222,7 +222,7 @@ def first_regions(
     probability : (B, B) float32
         In [0, 1].
     lookup, grid, query, memory, walk, marks
-        `Lookup`, `GridRecord`, `RegionQuery`, `ThresholdMemory`, `Searched` with the number of
+        `Lookup`, `GridRecord`, `RegionQuery`, `ThresholdMemory`, `Memory` with the number of
         a new search, and `RegionMarks`.
     links : (nodes,) uint8
         As for `expand`.

@@ -9,7 +9,7 @@ import numpy as np
 from numpy import float32, inf, int64, uint64
 
 from nnpp_edge.runtime.compiled.kernel import helper, inlined, kernel
-from nnpp_edge.runtime.kernels.by_address import call_at, put_record, reader_like
+from nnpp_edge.runtime.kernels.by_address import blank, call_at, put_record, reader_of
 from nnpp_edge.runtime.kernels.encoding import (
     add_costs,
     cells_of_part,
@@ -27,7 +27,6 @@ from nnpp_edge.runtime.kernels.pooling import (
 )
 from nnpp_edge.runtime.kernels.records import (
     LEVEL_COLS,
-    LEVEL_COLUMNS,
     LEVEL_FIRST,
     LEVEL_ROWS,
     LEVEL_STRIDE,
@@ -37,7 +36,7 @@ from nnpp_edge.runtime.kernels.records import (
     TileSource,
     TilesRecord,
 )
-from nnpp_edge.runtime.kernels.traversability import MOST_COST, RULE_SLOTS, SCALE, fill_weights
+from nnpp_edge.runtime.kernels.traversability import MOST_COST, SCALE, fill_weights
 
 COSTED = 1
 SURROUNDED = 2
@@ -50,31 +49,9 @@ BLOCK_UNTOUCHED = 0.0
 BLOCK_UNKNOWN = 1.0
 BLOCK_SEEN = 2.0
 """Of a block: its heights mean nothing; none is known; some may be."""
-_NONE = np.empty(0, np.float32)
-NO_SOURCE = TileSource(
-    heights=_NONE,
-    rule=np.zeros(RULE_SLOTS),
-    weights=_NONE,
-    rows=0,
-    cols=0,
-    row_shift=0,
-    col_shift=0,
-    corner_cutting=False,
-    levels=np.zeros((0, LEVEL_COLUMNS), np.int64),
-    coarse=_NONE,
-    pieces=np.empty(0, np.uint16),
-    links=np.empty(0, np.uint8),
-    costed=np.zeros(1, np.int64),
-    told=_NONE,
-    tells=np.zeros(1, np.bool_),
-    added=_NONE,
-    block_side=0,
-    block_cols=0,
-    block_prices=_NONE,
-    block_states=_NONE,
-)
+NO_SOURCE = blank(TileSource)
 """Of no map."""
-_source_at = reader_like(NO_SOURCE)
+_source_at = reader_of(TileSource)
 
 
 # Which tiles are there
@@ -136,7 +113,7 @@ def open_tile(tiles: TilesRecord, i, j):
 @inlined
 def open_there(tiles, i, j):
     """`open_tile`, for other kernels to call."""
-    call_at(open_tile, tiles.open_tile, (tiles, i, j))
+    call_at(open_tile, tiles.open_tile, (tiles, i, j), None)
 
 
 @inlined

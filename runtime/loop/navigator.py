@@ -145,12 +145,11 @@ class Navigator:
         else:
             self._goal = message
 
-    def forget(self, *, pose: bool = True, goal: bool = True) -> None:
+    def forget(self, *, goal: bool = True) -> None:
         """Forget where the robot is, and where it is to go, as before the first came; for the
         thread that calls `tick`, or while there is none.
         """
-        if pose:
-            self._pose = None
+        self._pose = None
         if goal:
             self._goal = None
 

@@ -52,13 +52,12 @@ class Change(NamedTuple):
 
 
 class ChangeReader:
-    """Changes that a reader has not read yet, the oldest first; of more than `most`, neighbours are
-    merged.
+    """Changes that a reader has not read yet, the oldest first; of more than `MOST_LOGGED_CHANGES`,
+    neighbours are merged.
     """
 
-    def __init__(self, keeps_old_weights: bool, most: int) -> None:
+    def __init__(self, keeps_old_weights: bool) -> None:
         self.keeps_old_weights = keeps_old_weights
-        self._most = most
         self._unread: list[Change] = []
 
     def skip(self) -> None:
@@ -78,7 +77,7 @@ class ChangeReader:
     def add(self, change: Change) -> None:
         """A change to be read; for `ChangeLog`."""
         unread = [*self._unread, change]
-        if len(unread) > self._most:
+        if len(unread) > MOST_LOGGED_CHANGES:
             last = unread[-1:] if len(unread) % 2 else []
             pairs = zip(unread[::2], unread[1::2], strict=False)
             unread = [older.then(newer) for older, newer in pairs] + last
@@ -86,14 +85,11 @@ class ChangeReader:
 
 
 class ChangeLog:
-    """Tells readers of a map's changes, of which at most `most` wait for each. Serves one thread at
-    a time.
-    """
+    """Tells readers of a map's changes. Serves one thread at a time."""
 
-    def __init__(self, most: int = MOST_LOGGED_CHANGES) -> None:
+    def __init__(self) -> None:
         self.version = 0
         """Number of changes so far."""
-        self._most = most
         self._readers = WeakSet[ChangeReader]()
 
     @property
@@ -110,6 +106,6 @@ class ChangeLog:
 
     def reader(self, *, keeps_old_weights: bool = False) -> ChangeReader:
         """A new reader, to whom all changes so far are known."""
-        reader = ChangeReader(keeps_old_weights, self._most)
+        reader = ChangeReader(keeps_old_weights)
         self._readers.add(reader)
         return reader

@@ -19,7 +19,6 @@ from nnpp_edge.runtime.arrays import (
 from nnpp_edge.runtime.cells import Cell, Rectangle, patch_at
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.kernels import records
 from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.kernels.records import CostLimits, Packed
 from nnpp_edge.runtime.kernels.weights import fill_costs, write_costs
@@ -76,20 +75,14 @@ class Grid:
         """(nodes,) weights; inf where impassable."""
         self.tiles = tiles
         """By which weights are computed where a search reads them; None where all are there."""
-        self.robot = Robot()
-        """Where it may stand, and what its steps cost; by default a point's."""
         packed_tiles = COMPLETE if tiles is None else tiles.packed(level)
         steps = (*model.length_term, *model.weight_term)  # `records.StepTerms`
-        self.packed: Packed = tuple(
-            records.GridRecord(self.weights, self.stride, steps, corner_cutting, packed_tiles)
-        )
-        """As kernels take it."""
+        self._record = (self.weights, self.stride, steps, corner_cutting, packed_tiles)
         floor, most, ceiling = map(np.float32, model.costs)
         self._limits = CostLimits(floor, most, np.float32(model.scale), ceiling)
-        if tiles is None:
-            self.set_bounds(math.inf, 0.0)
-        else:
-            self.set_bounds(0.0, model.scale)
+        self.least = math.inf if tiles is None else 0.0
+        self.greatest = 0.0 if tiles is None else model.scale
+        self.drive_by(Robot())
 
     @classmethod
     def of(cls, cost: Float2D, model: StepModel, corner_cutting: bool = True) -> "Grid":
@@ -117,10 +110,13 @@ class Grid:
         return grid
 
     def drive_by(self, robot: Robot) -> None:
-        """From now on this robot drives on the map; the weights remain what coarse levels are made
-        of.
+        """From now on this robot drives on the map, by default a point; the weights remain what
+        coarse levels are made of.
         """
         self.robot = robot
+        """Where it may stand, and what its steps cost."""
+        self.packed: Packed = (*self._record, robot.price.edges())
+        """As kernels take it, `records.GridRecord`."""
         self.set_bounds(self.least, self.greatest)
 
     def least_cost(self, start: Cell, goal: Cell) -> float:

@@ -49,8 +49,6 @@ class Level:
         """
         self.pieces = pieces
         """The piece that each cell stands for, as bits for the cells that it covers, row by row."""
-        self.version = 0
-        """Number of times that it has changed."""
         self.quarters: Lookup = quarters(grid.rows), quarters(grid.cols)
         """Row and column, among the quarters of the cells of the level above, of each row and
         column.
@@ -98,7 +96,7 @@ class Pyramid:
         from there.
         """
         finest = self.levels[0].grid
-        if finest.tiles is not None and finest.robot.price.edges() is not None:
+        if finest.tiles is not None and finest.robot.price.directed:
             # whose means need all weights
             finest.tiles.complete(deadline)
         for _ in self._left:
@@ -114,7 +112,6 @@ class Pyramid:
         obstacle = finest.model.scale if is_paper else finest.greatest
         greatest = max(finest.greatest, obstacle)
         for fine, coarse in itertools.pairwise(self.levels):
-            coarse.version += 1
             if finest.tiles is not None:  # pooled anew already, but for directed steps
                 continue
             row, col, rows, cols = above(part, FACTOR)

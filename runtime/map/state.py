@@ -77,7 +77,7 @@ class MapState:
 
             price = price_of(self, self._slope_cost, self.sides_m)
             robot = robot._replace(price=price)
-            if price.edges() is None:
+            if not price.directed:
                 self._put(robot, StepModel.of(StepCost.LENGTH))
             self.grid.drive_by(robot)
         if not self._lazy:

@@ -117,7 +117,7 @@ class Tiles:
             row_shift=high.bit_length() - 1,
             col_shift=wide.bit_length() - 1,
             costed=np.zeros(1, np.int64),
-            **source,  # type: ignore[arg-type]  # fields by name
+            **source,
         )
         self._compute_by(of_heights)
 

@@ -2,113 +2,105 @@
 one above.
 """
 
+import functools
+import itertools
 import math
+import operator
 from collections.abc import Iterator
 
 import numpy as np
 
-from nnpp_edge.runtime.arrays import UInt8
-from nnpp_edge.runtime.cells import Cell, coarser, widened
+from nnpp_edge.runtime.arrays import Int64, UInt8
+from nnpp_edge.runtime.cells import Cell, widened
 from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
-from nnpp_edge.runtime.errors import Status
-from nnpp_edge.runtime.kernels.corridor import close_dead_ends, surround
+from nnpp_edge.runtime.kernels.by_address import RECORD_WORDS, address_of
+from nnpp_edge.runtime.kernels.corridor import close_dead_ends, descend, keep_level
+from nnpp_edge.runtime.kernels.expansion import NO_HINTS, NO_LINKS, NO_REGION, expand
+from nnpp_edge.runtime.kernels.nodes import EXHAUSTED, FOUND, FULL
 from nnpp_edge.runtime.kernels.pooling import FACTOR
+from nnpp_edge.runtime.kernels.records import LEVEL_AT, SPENT
+from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.pyramid import Level
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.planners.plan import Source
 from nnpp_edge.runtime.planners.query import Found
 from nnpp_edge.runtime.planners.searchers import Searcher
-from nnpp_edge.runtime.search.astar import Query, Search, astar
-from nnpp_edge.runtime.search.landmarks import Landmarks
+from nnpp_edge.runtime.search.astar import Query, allowed, rule_of
 from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.stopwatch import Work
-from nnpp_edge.runtime.tuning import (
-    CELLS_APART,
-    LANDMARK_PATIENCE,
-    LEVEL_LANDMARKS,
-    MOST_CELLS_FOR_LANDMARKS,
-    CorridorWidth,
-)
+from nnpp_edge.runtime.terrain.step_cost import StepModel
+from nnpp_edge.runtime.tuning import CELLS_APART, CorridorWidth
+
+_MOST_LEVELS = 16
+"""More than a map can have."""
+
+
+@functools.cache
+def _expand_at() -> int:
+    """Where `expand` lies in memory."""
+    grid = Grid(1, 1, StepModel.of("paper"))
+    rule = tuple(rule_of(grid, NO_LINKS))
+    before = (grid.packed, NO_LINKS, NO_REGION, NO_HINTS, 0.0, (0, 0), rule)
+    return int(address_of(expand, *before, Workspace(1).packed, (0, 0.0)))  # type: ignore[no-untyped-call]  # as all of `kernels`
 
 
 class CoarseLevel:
-    """Scratch memory and landmarks for searches of one coarse level. Serves one search at a time.
+    """Memory for searches of one coarse level, and for marking what to search on the next finer
+    one. Serves one search at a time.
 
     The level's cells and links are read as they are when a search begins.
     """
 
-    def __init__(self, level: Level) -> None:
-        nodes = len(level.grid.weights)
+    def __init__(self, level: Level, finer: Level) -> None:
         grid = level.grid
+        nodes = len(grid.weights)
         self.level = level
-        self.grid = grid
         self.workspace = Workspace(nodes)
-        self.landmarks: Landmarks | None = None
-        """Of the level as it was at `_version`."""
-        self._version = level.version
-        self._spent = 0.0
-        self._reached = np.empty(nodes, np.float32)
-        self._queued = np.zeros(nodes, np.uint8)
-        self._queue = np.empty(1 << (nodes - 1).bit_length(), np.int32)
-        self._bitmaps = np.zeros((2, 2 * grid.rows, 2 * grid.cols), np.int32)
-        self._stamp = 0
+        self._flood = (  # `records.FloodMemory`
+            np.empty(nodes, np.float32),
+            np.zeros(nodes, np.uint8),
+            np.empty(1 << (nodes - 1).bit_length(), np.int32),
+        )
+        self._bitmap = np.zeros((2 * grid.rows, 2 * grid.cols), np.int32)
+        self._marked = np.zeros(1, np.int64)
+        self._quarters = finer.quarters
         self._closed: UInt8 | None = None
         """Links that `close_dead_ends` has closed, as bits."""
+        self._written: tuple[object, ...] = (None, None)
+        """What the record was written from that may be another one later; it keeps these alive."""
 
-    def search(
-        self,
-        start: Cell,
-        goal: Cell,
-        region: Region | None,
-        *,
-        beyond: float,
-        deadline: Deadline = NEVER,
-    ) -> Search:
-        """`astar` on this level from a query's goal to its start, by landmarks where all of it is
-        searched.
-
-        Directed steps are taken backwards, and have no landmarks. Else searches of a whole level
-        get them, one at a time, once they have expanded as many cells as this takes: so a map that
-        is searched often is answered faster, and one that changes loses little.
+    def keep(self, records: Int64, number: int) -> None:
+        """Write this level's `records.CoarseLevel` into a row of memory, where it is not what was
+        written last.
         """
-        if self._version != self.level.version:
-            self.landmarks = None
-            self._version = self.level.version
-            self._spent = 0.0
-        grid = self.grid
-        back = grid.robot.price.edges() is not None
-        hints = None
-        if region is None and self.landmarks is not None and self._spent < 0.0:
-            hints = self.landmarks.towards(goal)
-        place = (grid, start, goal, self.workspace, region)
-        found = astar(
-            *place,
-            links=self.level.links,
-            hints=hints,
-            backwards=back,
-            beyond=beyond,
-            deadline=deadline,
-        )
-        if region is None and not back and grid.cells <= MOST_CELLS_FOR_LANDMARKS:
-            self._spent += found.expansions
-        return found
-
-    def invest(self) -> None:
-        """Set another landmark if enough work has been spent without; what the last search found is
-        overwritten.
-        """
-        if self._closed is not None or self._spent < LANDMARK_PATIENCE * self.grid.cells:
+        grid = self.level.grid
+        now = (grid.bounds, self.workspace.entries)
+        if all(map(operator.is_, now, self._written)):
             return
-        self.landmarks = self.landmarks or Landmarks(self.grid, self.workspace, self.level.links)
-        count = len(self.landmarks.cells)
-        self.landmarks.spread(count + 1)
-        found = len(self.landmarks.cells)
-        if found in (count, LEVEL_LANDMARKS):
-            self._spent = -math.inf
-        if found == count:  # there is no place for all, and fewer are slower than none
-            self.landmarks = None
+        price = grid.robot.price
+        level = (
+            (*grid.packed[:-1], price.edges(backwards=True)),
+            self.level.links,
+            price.edges(),
+            tuple(rule_of(grid, self.level.links)),
+            self.workspace.packed,
+            self._flood,
+            self._bitmap,
+            self._marked,
+            *self._quarters,
+            _expand_at(),
+        )
+        keep_level(level, records[number])
+        self._written = now
+
+    @property
+    def region(self) -> Region:
+        """Where to search the next finer level, as marked last; the bitmap is overwritten by the
+        next.
+        """
+        return Region(self._bitmap, *self._quarters, int(self._marked[0]))
 
     def close_dead_ends(self, region: Region, searched: Workspace, shape: Cell) -> bool:
         """Close the links that a search of a region of the map, of this shape, did not get across;
@@ -117,56 +109,18 @@ class CoarseLevel:
         `searched` is that search's memory, of cells or of states. `open_dead_ends` opens them
         again: no more has changed until then.
         """
+        _, came, _ = self._flood  # all 0
         if self._closed is None:
-            self._closed = np.zeros(len(self._queued), np.uint8)
-        marks = (region.bitmap, region.stamp)  # `records.Marks`
+            self._closed = np.zeros_like(came)
         reached = (searched.meta, searched.stamp, searched.states, shape)
         links = self.level.links
-        return bool(close_dead_ends(links, marks, *reached, self._queued, self._closed))
+        return bool(close_dead_ends(links, tuple(region), *reached, came, self._closed))
 
     def open_dead_ends(self) -> None:
         """Open again what was closed."""
         if self._closed is not None:
             self.level.links |= self._closed
             self._closed = None
-
-    def around(
-        self,
-        found: Search,
-        start: Cell,
-        radius: int,
-        band: float,
-        finer: Level,
-        finer_workspace: Workspace,
-        deadline: Deadline = NEVER,
-    ) -> Region:
-        """Where to search the next finer level, around what the last search here found, from the
-        goal to `start`.
-
-        In it are cells within `radius` quarters of the path's, and those on paths that cost at most
-        1 + `band` times as much, which the search settled. Its bitmap is overwritten by the call
-        after the next. OutOfTimeError at the deadline.
-        """
-        self._stamp += 1
-        bitmap = self._bitmaps[self._stamp % 2]
-        ws = self.workspace
-        below = finer.grid
-        grid = self.grid
-        surround(
-            grid.packed,
-            grid.robot.price.edges(),
-            self.level.links,
-            grid.node(*start),
-            (ws.g, ws.meta, ws.stamp),  # `records.Searched`
-            (self._reached, self._queued, self._queue),  # `records.FloodMemory`
-            found.path,
-            (radius, band, deadline.at),  # `records.Width`
-            (bitmap, self._stamp),  # `records.Marks`
-            # `records.FinerLevel`
-            (below.weights, below.stride, below.rows, below.cols, finer_workspace.meta),
-        )
-        deadline.check()
-        return Region(bitmap, *finer.quarters, self._stamp)
 
 
 class CoarseToFine:
@@ -181,17 +135,18 @@ class CoarseToFine:
     def __init__(self, state: MapState, finest: Workspace) -> None:
         self._state = state
         self._finest = finest
-        self._levels: list[Level] = []
         self.coarse_levels: list[CoarseLevel] = []
         """The searched levels above the map itself, finest first; from the first `update` on."""
+        self._records = np.empty((_MOST_LEVELS, RECORD_WORDS), np.int64)
         self._moves = state.grid.robot.moves
 
     def update(self, deadline: Deadline = NEVER) -> list[Level]:
         """The levels as the map is now, finest first; OutOfTimeError at the deadline."""
-        self._levels = self._state.pyramid_by(deadline).levels
+        levels = self._state.pyramid_by(deadline).levels
         if not self.coarse_levels:
-            self.coarse_levels = [CoarseLevel(level) for level in self._levels[1:]]
-        return self._levels
+            pairs = itertools.pairwise(levels)
+            self.coarse_levels = [CoarseLevel(level, finer) for finer, level in pairs]
+        return levels
 
     def workspace(self, number: int) -> Workspace:
         """Memory of the searches of the level of that number; 0 is the map itself."""
@@ -204,41 +159,48 @@ class CoarseToFine:
             number -= 1
         return number
 
-    def _descend(
+    def corridor(
         self, query: Query, work: Work, top: int, region: Region | None, width: CorridorWidth
     ) -> Region | None:
         """Where to look on the map: from level `top` down around the path on the one above; None
-        without a way.
+        without a way. OutOfTimeError at the deadline.
         """
-        for number in range(top, 0, -1):
-            coarse = self.coarse_levels[number - 1]
-            radius = width.radius
-            band = width.band
-            if query.apart > self._moves.band_up_to:
-                band *= math.sqrt(self._moves.band_up_to / query.apart)
-            band += FACTOR * width.nearby / max(query.apart, FACTOR)
-            if number > 1:
-                radius = radius + width.coarse_radius
-                band = band + width.coarse_band
-            start = coarser(query.start, FACTOR**number)
-            goal = coarser(query.goal, FACTOR**number)
-            found = coarse.search(goal, start, region, beyond=band, deadline=query.deadline)
-            work.expansions += found.expansions
-            work.stage_ends("coarse")
-            if found.status is Status.NO_PATH:
-                return None
-            if found.status is Status.TIMEOUT:  # a coarse path leads nowhere on the map
-                raise OutOfTimeError
-            finer = self._levels[number - 1]
-            memory = self.workspace(number - 1)
-            region = coarse.around(found, start, radius, band, finer, memory, query.deadline)
-            coarse.invest()
-            work.stage_ends("coarse")
-        ends = (query.start, query.direction >= 0), (query.goal, query.wanted is not None)
-        for end, has_heading in ends:
-            if region is not None and has_heading:
-                region.add(widened((*end, 1, 1), self._moves.swing, self._state.shape))
-        return region
+        if not top:
+            return region
+        deadline = query.deadline
+        apart = max(query.apart, FACTOR)
+        band = width.band * min(math.sqrt(self._moves.band_up_to / apart), 1.0)
+        band += FACTOR * width.nearby / apart
+        wide = (width.radius, band, width.coarse_radius, width.coarse_band)  # `records.Width`
+        at = np.array((top, top, 0, 0))  # `records.TOP` and the others
+        while True:
+            for number, coarse in enumerate(self.coarse_levels[:top]):
+                coarse.keep(self._records, number)
+            code = descend(
+                self._records,
+                query.start,
+                query.goal,
+                allowed(region),
+                wide,
+                deadline.until,
+                deadline.at,
+                at,
+            )
+            if code in (FOUND, EXHAUSTED) or not deadline.goes_on():
+                break
+            if code == FULL:
+                self.workspace(at[LEVEL_AT]).grow()
+        work.stage_ends("coarse", int(at[SPENT]))
+        if code == EXHAUSTED:
+            return None
+        if code != FOUND or deadline.passed:  # a coarse path leads nowhere on the map
+            raise OutOfTimeError
+        found = self.coarse_levels[0].region
+        by_heading = (query.start, query.direction >= 0), (query.goal, query.wanted is not None)
+        for end, has_heading in by_heading:
+            if has_heading:
+                found.add(widened((*end, 1, 1), self._moves.swing, self._state.shape))
+        return found
 
     def find(
         self,
@@ -263,7 +225,7 @@ class CoarseToFine:
         coarse = self.coarse_levels[0]
         try:
             for left in reversed(range(self._moves.corridor_tries)):
-                if (inside := self._descend(query, work, top, region, width)) is None:
+                if (inside := self.corridor(query, work, top, region, width)) is None:
                     break
                 search = searcher.search(query, work, inside)
                 dead_end = search.exhausted if search.refused_f < math.inf else None

@@ -69,5 +69,4 @@ class AStarSearcher:
         from nnpp_edge.runtime.search.landmarks import Landmarks
 
         self._changes = self._log.reader()
-        self._landmarks = Landmarks(self.grid, self.workspace)
-        self._landmarks.spread(landmarks)
+        self._landmarks = Landmarks(self.grid, self.workspace, landmarks)

@@ -36,7 +36,11 @@ class RegionFinder:
 
     def __init__(self, blocks: int) -> None:
         padded = (blocks + 1, blocks + 1)
-        self._bitmaps = np.zeros(padded, np.int32), np.zeros(padded, np.int32)
+        self.bitmap: Int32 = np.zeros(padded, np.int32)
+        """(B + 1, B + 1), where the blocks of `stamp` were marked; it holds until the next marking.
+
+        The last row and column belong to no region: cells that the network is not shown lie there.
+        """
         self.at_td: Int32 = np.zeros(padded, np.int32)
         """The region at td itself, by `first`; it stays while wider ones are searched."""
         self.stamp = 0
@@ -47,15 +51,6 @@ class RegionFinder:
             np.empty(levels.size, np.int32),
             np.empty(levels.size, np.uint8),
         )
-
-    @property
-    def bitmap(self) -> Int32:
-        """(B + 1, B + 1), where the blocks of `stamp` were marked; it holds until the marking after
-        the next.
-
-        The last row and column belong to no region: cells that the network is not shown lie there.
-        """
-        return self._bitmaps[self.stamp % 2]
 
     @property
     def levels(self) -> UInt8:
@@ -93,6 +88,7 @@ class RegionFinder:
         same block or a `touching` one saves time. OutOfTimeError at the deadline.
         """
         self.stamp += 1
+        workspace.next_stamp()
         grid = level.grid
         start, goal = ends
         td = kernels.first_regions(
@@ -103,7 +99,7 @@ class RegionFinder:
             # `records.RegionQuery`
             (grid.node(*start), grid.node(*goal), blocks, touching, factor),
             tuple(self._memory),
-            (workspace.g, workspace.meta, workspace.next_stamp()),  # `records.Searched`
+            workspace.packed,
             (self.stamp, self.at_td, self.bitmap),  # `records.RegionMarks`
             deadline.at,
         )

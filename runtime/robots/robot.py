@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from nnpp_edge.runtime.arrays import Bool, Cells, Float2D, Float32s, Floats, UInt8
+from nnpp_edge.runtime.arrays import Bool, Cells, Float2D, Float32s, Floats
 from nnpp_edge.runtime.cells import Cell, Rectangle, widened
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -87,17 +87,26 @@ class Stance:
         return ""
 
 
+NO_EDGES = np.empty((0, len(WAYS)), np.float32)
+"""Of steps that cost by the weights of their ends."""
+
+
 class Price:
     """What steps and paths cost: here by the weights of a step's ends, see `terrain.step_cost`."""
 
     level_cell = 1.0
     """What a turn costs that is as dear as a cell's height of level ground."""
 
-    def edges(self, backwards: bool = False) -> Edges | None:
-        """(nodes, ways) costs of steps, or of those that come to a cell; None where they cost by
+    def edges(self, backwards: bool = False) -> Edges:
+        """(nodes, ways) costs of steps, or of those that come to a cell; (0, 8) where they cost by
         the weights of their ends: the same both ways, so that landmarks and any angle serve.
         """
-        return None
+        return NO_EDGES
+
+    @property
+    def directed(self) -> bool:
+        """Whether steps cost by edges."""
+        return len(self.edges()) > 0
 
     def weights(self, part: Rectangle) -> Float2D | None:
         """(h, w) weights of a part's cells, by which steps cost as with ``length``; None where they
@@ -226,9 +235,9 @@ class CellMoves:
             deadline=query.deadline,
         )
 
-    def spreading(self, grid: "Grid", workspace: Workspace, links: UInt8) -> Spreading:
+    def spreading(self, grid: "Grid", workspace: Workspace) -> Spreading:
         """How its costs spread from a cell to all others."""
-        return spreading(grid, links)
+        return spreading(grid)
 
     def walk_turns(
         self, grid: "Grid", path: Cells, first: int, costs: Floats, level_cell: float
@@ -312,7 +321,7 @@ class Robot(NamedTuple):
     @property
     def symmetric(self) -> bool:
         """Whether a path costs the same both ways, and is driven so."""
-        return self.price.edges() is None and self.moves.drives_both_ways
+        return not self.price.directed and self.moves.drives_both_ways
 
     def follow(
         self, change: "Change", part: Rectangle, state: "MapState", *, heights: bool
@@ -334,12 +343,12 @@ class Robot(NamedTuple):
         """Whether its searches go over cells, by their weights: landmarks serve them, and old
         weights tell what a change of the map is worth.
         """
-        return self.price.edges() is None and self.moves.over == CELLS
+        return not self.price.directed and self.moves.over == CELLS
 
     @property
     def line_refusal(self) -> str:
         """Why its paths cannot be freed from the grid; empty where they can."""
-        if self.price.edges() is None:
+        if not self.price.directed:
             return self.moves.line_refusal
         return (
             "prices lines by the map's cost: wanted step_cost='paper' or 'length', got steps that "

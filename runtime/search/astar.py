@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from nnpp_edge.runtime.arrays import Bool, Cells, Float2D, Float32s, Floats, Int64, UInt8
+from nnpp_edge.runtime.arrays import Bool, Cells, Float2D, Floats, UInt8
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels import expansion as kernels
 from nnpp_edge.runtime.kernels.expansion import NO_LINKS
-from nnpp_edge.runtime.kernels.nodes import EXHAUSTED, FOUND, FULL, PAUSED
+from nnpp_edge.runtime.kernels.nodes import EXHAUSTED, FOUND, FULL, PAUSED, WITHOUT_END
 from nnpp_edge.runtime.kernels.records import (
     BEST_NODE,
     EXPANSIONS,
@@ -43,7 +43,6 @@ if TYPE_CHECKING:
 
 _BETWEEN_LOOKS = 1 << 14
 """Expansions after which is looked whether enough is known."""
-WITHOUT_END = int(np.iinfo(np.int64).max >> 1)
 Parts = tuple[Any, ...]
 NOWHERE = 0
 """Of the border, which is impassable: the goal of a search that is to have none."""
@@ -114,10 +113,7 @@ def astar(
     workspace: Workspace,
     region: Region | None = None,
     *,
-    links: UInt8 = NO_LINKS,
     hints: Hints | None = None,
-    backwards: bool = False,
-    beyond: float = 0.0,
     limit: int | None = None,
     deadline: Deadline = NEVER,
 ) -> Search:
@@ -127,15 +123,8 @@ def astar(
     ----------
     start, goal : (row, col)
         Passable cells; with a region, which alone is searched, cells inside it.
-    links : (nodes,) uint8
-        The directions in which each cell may be left, as bits; by default passability decides.
     hints
-        Of landmarks on this grid and these links: fewer cells are expanded, for the same cost.
-    backwards : bool
-        On a coarse level with directed steps: the path found is the cheapest from `goal` to
-        `start`, reversed.
-    beyond : float
-        Settle also every cell on a path that costs less than 1 + `beyond` times the optimum.
+        Of landmarks on this grid: fewer cells are expanded, for the same cost.
     limit, deadline
         Give up with TIMEOUT after about so many expansions, or then.
 
@@ -144,17 +133,10 @@ def astar(
     NNPP (arXiv 2308.04792v3), Eq. 2-4; the octile distance stands in for the paper's Euclidean one,
     which it exceeds without ever overestimating. g is kept in float32.
     """
-    first = grid.node(*start)
-    last = grid.node(*goal)
-    if first == last:
-        return Search(Status.OK, np.array([start], np.int32), 0)
-    edges = grid.robot.price.edges(backwards)
-    width = bucket_width(grid, edges, hints)
-    farthest = 1.0 + beyond if beyond else kernels.BELOW
-    rule = Rule(*grid.prices, width, _successors(grid, links, edges), farthest)
+    rule = rule_of(grid, NO_LINKS, hints)
     landmarks = kernels.NO_HINTS if hints is None else tuple(hints)
-    before = (grid.packed, edges, links, allowed(region), landmarks)
-    ends = Ends(first, last)
+    before = (grid.packed, NO_LINKS, allowed(region), landmarks, kernels.BELOW)
+    ends = Ends(grid.node(*start), grid.node(*goal))
     found = run(kernels.expand, before, rule, ends, workspace, limit or WITHOUT_END, deadline)
     return traced(partial(kernels.trace, stride=grid.stride), workspace, *found)
 
@@ -219,12 +201,10 @@ def allowed(region: Region | None) -> Parts:
     return kernels.NO_REGION if region is None else tuple(region)
 
 
-def spreading(grid: "Grid", links: UInt8 = NO_LINKS) -> Spreading:
+def spreading(grid: "Grid") -> Spreading:
     """How a point's costs spread."""
-    edges = grid.robot.price.edges()
-    before = (grid.packed, edges, links, kernels.NO_REGION, kernels.NO_HINTS)
-    width = bucket_width(grid, edges)
-    rule = Rule(0.0, 0.0, width, _successors(grid, links, edges), kernels.BELOW)
+    before = (grid.packed, NO_LINKS, kernels.NO_REGION, kernels.NO_HINTS, kernels.BELOW)
+    rule = rule_of(grid, NO_LINKS)._replace(h_straight=0.0, h_diagonal=0.0)
     return Spreading(kernels.expand, before, rule)
 
 
@@ -232,13 +212,12 @@ def settle_all(
     grid: "Grid",
     source: Cell,
     workspace: Workspace,
-    links: UInt8 = NO_LINKS,
     deadline: Deadline = NEVER,
 ) -> None:
     """Search from a passable cell until nothing is left: the workspace then holds every cell's cost
     from there. OutOfTimeError at the deadline.
     """
-    for _ in _settling(grid, source, workspace, links, deadline=deadline):
+    for _ in _settling(grid, source, workspace, deadline=deadline):
         pass
 
 
@@ -246,14 +225,13 @@ def _settling(
     grid: "Grid",
     source: Cell,
     workspace: Workspace,
-    links: UInt8 = NO_LINKS,
     most: int = WITHOUT_END,
     deadline: Deadline = NEVER,
 ) -> Iterator[float]:
     """Search on, `most` expansions each time: the least cost that may yet fall, inf in the end; or
     OutOfTimeError.
     """
-    search = grid.robot.moves.spreading(grid, workspace, links)
+    search = grid.robot.moves.spreading(grid, workspace)
     begin = grid.node(*source)
     code = PAUSED
     while code == PAUSED:
@@ -303,14 +281,15 @@ def costs_to_nearest(
     return costs, known
 
 
-def bucket_width(grid: "Grid", edges: Float32s | None, hints: Hints | None = None) -> float:
+def rule_of(grid: "Grid", links: UInt8, hints: Hints | None = None) -> Rule:
+    """How a search for the optimum goes over a grid, by landmarks if it has any."""
+    linked = len(links) > 0 or grid.robot.price.directed
+    by_paper = grid.corner_cutting and grid.model.kind is StepCost.PAPER
+    apart = 0 if linked else 1 + by_paper  # of `SUCCESSORS`
+    return Rule(*grid.prices, bucket_width(grid, hints), kernels.SUCCESSORS[apart])
+
+
+def bucket_width(grid: "Grid", hints: Hints | None = None) -> float:
     """Of a bucket of the open list at first, in units of f."""
-    by_grid = BUCKET_WIDTH if edges is None else DIRECTED_BUCKET_WIDTH
+    by_grid = DIRECTED_BUCKET_WIDTH if grid.robot.price.directed else BUCKET_WIDTH
     return grid.prices[0] * (by_grid if hints is None else BUCKET_WIDTH_BY_LANDMARKS)
-
-
-def _successors(grid: "Grid", links: UInt8, edges: Float32s | None) -> Int64:
-    """The steps from a cell that its best predecessor leaves to search."""
-    if len(links) or edges is not None:
-        return kernels.SUCCESSORS[0]
-    return kernels.SUCCESSORS[2 if grid.corner_cutting and grid.model.kind is StepCost.PAPER else 1]

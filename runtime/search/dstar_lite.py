@@ -47,7 +47,6 @@ class DStarLite:
     def __init__(self, state: "MapState", goal: Cell, region: Region | None = None) -> None:
         self._grid = grid = state.grid
         self._changes = state.log.reader()
-        self._edges = grid.robot.price.edges()
         count = len(grid.weights)
         room = count + kernels.SPARE_SLOTS
         self.g = np.empty(count)
@@ -92,7 +91,7 @@ class DStarLite:
                 return Search.without_path(Status.NO_PATH, expansions)
             search = self._search
             if self._update_vertices(search, deadline):
-                code, expanded = kernels.compute_shortest_path(*search, deadline.until)
+                code, expanded = kernels.compute_shortest_path(search, deadline.until)
                 expansions += expanded
             if code != FOUND and not deadline.goes_on():
                 return Search.without_path(Status.TIMEOUT, expansions)
@@ -101,13 +100,13 @@ class DStarLite:
             return Search.without_path(Status.NO_PATH, expansions)
         most = min(self._grid.cells, int(cost / self._cheapest) + 2)
         path = np.empty((most, 2), np.int32)
-        length = kernels.trace(*search, path)
+        length = kernels.trace(search, path)
         return Search(Status.OK, path[:length].copy(), expansions)
 
     @property
     def _search(self) -> Parts:
         """As kernels take it."""
-        search = (  # `records.DStar`
+        return (  # `records.DStar`
             self._grid.packed,
             tuple(self.region),
             self._goal,
@@ -122,7 +121,6 @@ class DStarLite:
             self.slots,
             self.size,
         )
-        return search, self._edges
 
     def _begin(self, prices: Iterable[float]) -> None:
         """Forget all that was found. No straight and no diagonal step costs less than `prices`."""
@@ -176,7 +174,7 @@ class DStarLite:
         while self._stale:
             part, blocks = self._stale.pop()
             row, col, rows, cols = part
-            done = kernels.update_vertices(*search, part, blocks, deadline.until)
+            done = kernels.update_vertices(search, part, blocks, deadline.until)
             if done < rows:
                 self._stale.append(((row + done, col, rows - done, cols), blocks))
                 return False

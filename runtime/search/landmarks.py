@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from nnpp_edge.runtime.arrays import Bool, UInt8
+from nnpp_edge.runtime.arrays import Bool
 from nnpp_edge.runtime.cells import Cell, nearest
-from nnpp_edge.runtime.kernels.expansion import MOST_LANDMARKS, NO_LINKS
+from nnpp_edge.runtime.kernels.expansion import MOST_LANDMARKS
 from nnpp_edge.runtime.kernels.records import Hints
 from nnpp_edge.runtime.search.astar import settle_all
 from nnpp_edge.runtime.search.workspace import Workspace
@@ -37,54 +37,33 @@ _RIM = (
 
 
 class Landmarks:
-    """Costs from at most `MOST_LANDMARKS` cells of a grid to all others; `workspace` is memory of
-    its size.
+    """Costs from a few cells of a grid to all others, set at the map's corners and the middles of
+    its sides, at most `count`; `workspace` is memory of the grid's size.
+
+    Behind the goal, as seen from the start, a landmark's bound is nearly exact, and from the rim
+    one is behind almost any goal. Each stands on the nearest cell that is connected to the one
+    nearest the middle.
     """
 
-    def __init__(self, grid: "Grid", workspace: Workspace, links: UInt8 = NO_LINKS) -> None:
+    def __init__(self, grid: "Grid", workspace: Workspace, count: int) -> None:
         self._grid = grid
-        self._workspace = workspace
-        self._links = links
-        self.cells: list[Cell] = []
+        grid.complete()
+        connected = np.isfinite(grid.weights)
+        if (middle := _nearest(connected, grid, 0.5, 0.5)) is not None:
+            settle_all(grid, middle, workspace)
+            connected = np.isfinite(workspace.costs())
+        spots = [_nearest(connected, grid, *spot) for spot in _RIM]
+        cells = dict.fromkeys(cell for cell in spots if cell is not None)
+        self.cells = [*cells][:count]
         """Where the landmarks stand."""
-        self.fields = np.zeros((len(grid.weights), MOST_LANDMARKS), np.float32)
+        self.fields = fields = np.zeros((len(grid.weights), MOST_LANDMARKS), np.float32)
         """(nodes, 8) cost from each landmark; 0 in the lanes that are free, inf where there is no
         path.
         """
-        self._slack = 0.0
-
-    def add(self, cell: Cell) -> None:
-        """Set a landmark at a passable cell: one search of the whole map."""
-        settle_all(self._grid, cell, self._workspace, self._links)
-        self.fields[:, len(self.cells)] = costs = self._workspace.costs()
-        self.cells.append(cell)
-        self._slack = max(
-            self._slack, _ROUNDING * float(costs.max(where=np.isfinite(costs), initial=0.0))
-        )
-
-    def spread(self, count: int) -> None:
-        """Set landmarks at the map's corners and the middles of its sides until there are `count`.
-
-        Behind the goal, as seen from the start, a landmark's bound is nearly exact, and from the
-        rim one is behind almost any goal. Each stands on the nearest cell that is connected to the
-        first landmark or, when there is none yet, to the cell nearest the middle.
-        """
-        if len(self.cells) >= (count := min(count, MOST_LANDMARKS)):
-            return
-        grid = self._grid
-        grid.complete()
-        connected = np.isfinite(grid.weights)
-        if self.cells:
-            connected &= np.isfinite(self.fields[:, 0])
-        elif (middle := _nearest(connected, grid, 0.5, 0.5)) is not None:
-            settle_all(grid, middle, self._workspace, self._links)
-            connected = np.isfinite(self._workspace.costs())
-        for spot in _RIM:
-            if len(self.cells) == count:
-                return
-            cell = _nearest(connected, grid, *spot)
-            if cell is not None and cell not in self.cells:
-                self.add(cell)
+        for lane, cell in enumerate(self.cells):
+            settle_all(grid, cell, workspace)
+            fields[:, lane] = workspace.costs()
+        self._slack = _ROUNDING * float(fields.max(where=np.isfinite(fields), initial=0.0))
 
     def towards(self, goal: Cell) -> Hints:
         """Hints of a search to a goal: the fields, theirs at the goal, and what they may

@@ -53,11 +53,6 @@ class Region(records.RegionRecord):
         widths = np.bincount(self.col_block, minlength=self.bitmap.shape[1])
         return int(heights @ self.blocks() @ widths)
 
-    @property
-    def cells(self) -> int:
-        """Number of the map's cells, inside or not."""
-        return len(self.row_block) * len(self.col_block)
-
     def shares_blocks(self, other: "Region") -> bool:
         """Whether the two bitmaps lie over the map alike, so that their blocks can be compared."""
         return (

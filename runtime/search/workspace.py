@@ -12,7 +12,7 @@ import numpy as np
 
 from nnpp_edge.runtime.arrays import Bool, Float32s, Int32, Int64
 from nnpp_edge.runtime.deadline import NEVER, Deadline
-from nnpp_edge.runtime.kernels.nodes import STAMP_SHIFT
+from nnpp_edge.runtime.kernels.nodes import STAMP_SHIFT, next_stamp
 from nnpp_edge.runtime.kernels.open_list import BUCKETS, FINE
 from nnpp_edge.runtime.kernels.records import (
     BASE,
@@ -25,8 +25,6 @@ from nnpp_edge.runtime.kernels.records import (
 )
 from nnpp_edge.runtime.memory import virtual_zeros
 
-LAST_STAMP = (1 << (31 - STAMP_SHIFT)) - 1
-"""The greatest number of a search; the next one is 1 again, and the memory is cleared."""
 MOST_KEPT = 1 << 23
 """Numbers in the memory that a workspace leaves to the next one; more (32 MiB) is not kept."""
 _AT_ONCE = 1 << 18
@@ -131,12 +129,7 @@ class Workspace:
 
     def next_stamp(self) -> int:
         """Number of a new search; all nodes read as unvisited to it."""
-        number = self.stamp + 1
-        if number > LAST_STAMP:
-            self.meta[1::2] = 0
-            number = 1
-        self.meta[0] = number
-        return number
+        return int(next_stamp(self.meta))
 
     @cached_property
     def from_goal(self) -> "Workspace":

@@ -304,8 +304,8 @@ def test_the_loop_goes_to_a_goal_with_a_heading_and_to_another_when_that_changes
     assert point.tick().ok
     point.forget(goal=False)
     assert point.tick().outcome is Status.NO_POSE
+    point.forget()
     point.offer(Pose(30, 15))
-    point.forget(pose=False)
     assert point.tick().outcome is Status.NO_GOAL
 
 

@@ -10,11 +10,12 @@ from hypothesis import strategies as st
 from nnpp_edge.runtime import Planner, Region
 from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.errors import Status
+from nnpp_edge.runtime.kernels.nodes import LAST_STAMP
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.planners.searchers import AStarSearcher
 from nnpp_edge.runtime.search.astar import Query, astar, cost_field
 from nnpp_edge.runtime.search.landmarks import Landmarks
-from nnpp_edge.runtime.search.workspace import LAST_STAMP, Workspace
+from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.stopwatch import Work
 from nnpp_edge.runtime.terrain.step_cost import StepModel
 from tests import oracles
@@ -115,9 +116,7 @@ def test_landmarks_save_work():
     long = plain.plan(start, (240, 30), method="astar")
     assert prepared.plan(start, (240, 30), method="astar").expansions < long.expansions / 2
     grid = Grid(5, 5, StepModel.of("paper"))  # without a passable cell
-    landmarks = Landmarks(grid, Workspace(len(grid.weights)))
-    landmarks.spread(3)
-    assert landmarks.cells == []
+    assert Landmarks(grid, Workspace(len(grid.weights)), 3).cells == []
 
 
 def test_on_a_plain_map_little_more_than_the_path_is_expanded():

@@ -4,6 +4,7 @@ import gc
 import math
 from collections import deque
 from dataclasses import replace
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from hypothesis import strategies as st
 from nnpp_edge.runtime import DynamicPlanner, Planner
 from nnpp_edge.runtime.cells import enclosing
 from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.map import changes
 from nnpp_edge.runtime.map.changes import MANY_NODES, Change, ChangeLog
 from nnpp_edge.runtime.planners.standing_path import Footing, StandingPath
 from tests import oracles
@@ -73,34 +75,36 @@ def change_of(*nodes, old=1.0, row=0):
     st.lists(st.tuples(st.sampled_from("aaaaar"), st.integers(0, 30)), max_size=60),
 )
 def test_merged_changes_cover_all_that_they_were_made_of(most, steps):
-    log = ChangeLog(most)
-    reader = log.reader(keeps_old_weights=True)
-    unread = []
-    for number, (what, col) in enumerate(steps):
-        if what == "a":
-            change = change_of(col, old=float(number), row=number)
-            unread.append(change._replace(cheaper=col % 9 == 0, rescaled=col % 11 == 0))
-            log.append(unread[-1])
-            assert len(reader.peek()) <= most
-            continue
-        assert not log.reader().peek()
-        changes = reader.peek() if col % 3 == 0 else reader.read()
-        whole = deque(unread)
-        for change in changes:  # each covers exactly the next of those that were appended
-            merged = [whole.popleft() for _ in range(change.cells)]
-            assert change.part == enclosing([each.part for each in merged])
-            np.testing.assert_array_equal(
-                change.old_weights, [w for each in merged for w in each.old_weights]
-            )
-            for flag in ("cheaper", "rescaled"):
-                assert getattr(change, flag) == any(getattr(each, flag) for each in merged)
-        assert not whole
-        if col % 3:
-            unread.clear()
+    with patch.object(changes, "MOST_LOGGED_CHANGES", most):
+        log = ChangeLog()
+        reader = log.reader(keeps_old_weights=True)
+        unread = []
+        for number, (what, col) in enumerate(steps):
+            if what == "a":
+                change = change_of(col, old=float(number), row=number)
+                unread.append(change._replace(cheaper=col % 9 == 0, rescaled=col % 11 == 0))
+                log.append(unread[-1])
+                assert len(reader.peek()) <= most
+                continue
+            assert not log.reader().peek()
+            read = reader.peek() if col % 3 == 0 else reader.read()
+            whole = deque(unread)
+            for change in read:  # each covers exactly the next of those that were appended
+                merged = [whole.popleft() for _ in range(change.cells)]
+                assert change.part == enclosing([each.part for each in merged])
+                np.testing.assert_array_equal(
+                    change.old_weights, [w for each in merged for w in each.old_weights]
+                )
+                for flag in ("cheaper", "rescaled"):
+                    assert getattr(change, flag) == any(getattr(each, flag) for each in merged)
+            assert not whole
+            if col % 3:
+                unread.clear()
 
 
-def test_of_many_merged_nodes_each_is_kept_once_with_its_oldest_weight():
-    log = ChangeLog(2)
+def test_of_many_merged_nodes_each_is_kept_once_with_its_oldest_weight(monkeypatch):
+    monkeypatch.setattr(changes, "MOST_LOGGED_CHANGES", 2)
+    log = ChangeLog()
     nodes = np.arange(MANY_NODES, dtype=np.int32)
     reader = log.reader(keeps_old_weights=True)
     for old in range(1, 8):

@@ -14,14 +14,15 @@ from nnpp_edge.runtime import (
     Traversability,
     Vehicle,
 )
-from nnpp_edge.runtime.kernels.nodes import COL_STEP, ROW_STEP
-from nnpp_edge.runtime.planners.coarse_to_fine import CoarseLevel
 from nnpp_edge.runtime.robots.slope import directed
-from nnpp_edge.runtime.search.astar import astar
-from nnpp_edge.runtime.search.workspace import Workspace
+from nnpp_edge.runtime.search.astar import Query
+from nnpp_edge.runtime.stopwatch import Work
+from nnpp_edge.runtime.tuning import CorridorWidth
 from tests.directed_cases import MODELS
+from tests.strategies import costs_on, descent_of
 from tests.worlds import ROVER, WORLDS
 
+BAND = CorridorWidth(0, 0.1, 0.0)
 STEEP = Traversability(slope_limit_deg=60.0)
 
 
@@ -45,27 +46,21 @@ def test_steps_priced_on_several_cores_are_those_of_one(monkeypatch):
 def test_coarse_levels_are_searched_from_the_goal_by_the_steps_that_lead_to_it(name):
     for seed in range(6):
         world = WORLDS[name](np.random.default_rng(seed))
-        ends = [(row // 4, col // 4) for row, col in world.cells(2)]
-        for level in world.planner().state.pyramid.levels[1:]:
-            grid = level.grid
-            workspace = Workspace(len(grid.weights))
-            there = astar(grid, *ends, workspace, links=level.links)
-            back = CoarseLevel(level).search(ends[1], ends[0], None, beyond=0.0)
-            assert there.status is back.status, seed
-            wanted = pytest.approx(walked(grid, there.path), rel=1e-5)
-            assert walked(grid, back.path[::-1]) == wanted, seed
-
-
-def walked(grid, path):
-    """What the steps of a path cost on a coarse level."""
-    directions = {
-        (up, left): k for k, (up, left) in enumerate(zip(ROW_STEP, COL_STEP, strict=True))
-    }
-    steps = zip(path.tolist(), np.diff(path, axis=0).tolist(), strict=False)
-    return sum(
-        float(grid.robot.price.edges()[grid.node(*cell), directions[tuple(step)]])
-        for cell, step in steps
-    )
+        descent, levels = descent_of(world.planner().state)
+        start, goal = world.cells(2)
+        for number, level in enumerate(levels[1:], 1):
+            ends = [(row // 4**number, col // 4**number) for row, col in (start, goal)]
+            wanted = costs_on(level, ends[0])[ends[1]]
+            region = descent.corridor(Query(start, goal), Work(), number, None, BAND)
+            assert (region is not None) == (wanted < np.inf), seed
+            if number == 1 and region is not None:
+                back = level.grid.inner(descent.workspace(1).costs())
+                assert back[ends[0]] == pytest.approx(wanted, rel=1e-5), seed
+                through = costs_on(level, ends[0]) + back
+                inside = region.blocks()[::2, ::2]
+                limit = (1.0 + BAND.band) * wanted
+                assert inside[through < limit * (1.0 - 1e-4)].all()
+                assert (through[inside] <= limit * (1.0 + 1e-4)).all()
 
 
 @pytest.mark.parametrize("vehicle", [None, Vehicle(2.2, 2.2, 0.6)])

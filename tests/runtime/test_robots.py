@@ -10,14 +10,12 @@ import os
 import pickle
 from collections import Counter
 from contextlib import suppress
-from functools import partial
 
 import numpy as np
 import pytest
 
 from nnpp_edge.runtime import DynamicMethod, Method, ToblerCost
-from nnpp_edge.runtime.map import pyramid, state
-from nnpp_edge.runtime.map.changes import ChangeLog
+from nnpp_edge.runtime.map import changes, pyramid
 from nnpp_edge.runtime.options import CELLS, METHODS
 from nnpp_edge.runtime.planners import planner as planner_module
 from nnpp_edge.runtime.robots.body import search
@@ -54,7 +52,7 @@ def worlds(monkeypatch):
                 monkeypatch.setattr(search, expansions, (4096, 96)[few])
             monkeypatch.setattr(planner_module, "NEAREST_STOPS", (5, 1)[few])
             monkeypatch.setattr("nnpp_edge.runtime.search.astar._BETWEEN_LOOKS", (4096, 8)[few])
-            monkeypatch.setattr(state, "ChangeLog", partial(ChangeLog, (64, 2)[few]))
+            monkeypatch.setattr(changes, "MOST_LOGGED_CHANGES", (64, 2)[few])
             yield ALL[name](np.random.default_rng([seed, number]))
 
     return made

@@ -58,8 +58,6 @@ from nnpp_edge.runtime.robots.body.primitives import ARCS, primitives
 from nnpp_edge.runtime.terrain.traversability import Traversability, relative_heights, sides_of
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
-NO_EDGES = np.empty((0, 2 * AXIS_COUNT), np.float32)
-"""Of legs that cost by what they are checked to be."""
 NOTHING = np.empty((0, 0), np.float32)
 """Of a map without such numbers."""
 _SAFE = 1.0 - 1e-5

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from nnpp_edge.runtime.arrays import Bool, Cells, Floats, UInt8
+from nnpp_edge.runtime.arrays import Bool, Cells, Floats
 from nnpp_edge.runtime.cells import Cell, Rectangle, Sides
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -15,7 +15,7 @@ from nnpp_edge.runtime.options import STATES
 from nnpp_edge.runtime.robots.body import motions
 from nnpp_edge.runtime.robots.body.arcs import direction_near, directions_within
 from nnpp_edge.runtime.robots.body.attitude import PoseCheck, explain
-from nnpp_edge.runtime.robots.body.poses import NO_EDGES, NOTHING, Poses
+from nnpp_edge.runtime.robots.body.poses import NOTHING, Poses
 from nnpp_edge.runtime.robots.body.refusal import why_blocked, why_ended
 from nnpp_edge.runtime.robots.body.search import (
     FromGoal,
@@ -140,10 +140,8 @@ class BodyMoves(CellMoves):
         return TURNS_IN_FIELD
 
     def states(self, price: Price) -> States:
-        edges = price.edges()
-        if edges is None:
-            return States(self.poses.packed, NO_EDGES, self.poses.prices)
-        return States(self.poses.packed, edges, self._turns_by(price.level_cell))
+        prices = self._turns_by(price.level_cell) if price.directed else self.poses.prices
+        return States(self.poses.packed, price.edges(), prices)
 
     def _turns_by(self, level_cell: float) -> Prices:
         """The prices of its motions, where turns cost by `Price.level_cell`."""
@@ -165,13 +163,13 @@ class BodyMoves(CellMoves):
         a short search and where legs cost otherwise one way than the other.
         """
         from_goal = None
-        if limit is None and grid.robot.price.edges() is None:
+        if limit is None and not grid.robot.price.directed:
             from_goal = self._from_goal
             if from_goal is None or from_goal.query is not query:
                 from_goal = self._from_goal = FromGoal(grid, query, workspace.from_goal)
         return search_states(grid, query, workspace, region, from_goal, limit)
 
-    def spreading(self, grid: "Grid", workspace: Workspace, links: UInt8) -> Spreading:
+    def spreading(self, grid: "Grid", workspace: Workspace) -> Spreading:
         everywhere = np.ones(workspace.states, np.bool_)
         return spreading(grid, workspace, everywhere, ~everywhere)
 

@@ -32,6 +32,7 @@ from nnpp_edge.runtime.kernels.nodes import (
     OPEN_BIT,
     PAUSED,
     STAMP_SHIFT,
+    WITHOUT_END,
     octile,
 )
 from nnpp_edge.runtime.kernels.records import (
@@ -50,7 +51,6 @@ from nnpp_edge.runtime.kernels.records import (
 from nnpp_edge.runtime.search.astar import (
     NOWHERE,
     ON,
-    WITHOUT_END,
     Parts,
     Query,
     Search,
@@ -108,7 +108,7 @@ def spreading(
     states = grid.robot.states()
     step, _ = grid.prices
     legs = Legs(0.0, 0.0, 0.0)
-    width = bucket_width(grid, grid.robot.price.edges())
+    width = bucket_width(grid)
     if field is not NO_FIELD:
         legs = _best(grid)
         width = step * BUCKET_WIDTH_BY_LANDMARKS
@@ -224,13 +224,13 @@ def search_states(
         return Search(Status.OK, np.array([place[: grid.robot.moves.columns]], np.int32), 0)
     ends = Ends(grid.node(*query.start), grid.node(*query.goal))
     most = limit or WITHOUT_END
-    until = most
     spent = 0
     by_arcs = grid.robot.moves.columns == 3
     doubted = False
+    late = most
     if from_goal is not None:
         doubted = by_arcs and region is not None and not from_goal.expansions
-        until = LATE_IN_REGION if by_arcs and region is not None else LATE_ON_MAP
+        late = LATE_IN_REGION if by_arcs and region is not None else LATE_ON_MAP
         shut_in, spent = from_goal.shut_in(workspace)
         if shut_in is not None:
             return _no_path(grid, spent, math.inf, shut_in)
@@ -246,6 +246,7 @@ def search_states(
     if code != FOUND:
         return Search.without_path(Status.TIMEOUT, spent, at_least, grid.robot.moves.columns)
     # search the states by it, from the start to the goal
+    until = max(late, filling)
     promised = field.floor
     guided_by = partial(spreading, grid, workspace, starting, at_goal, allowed(region))
     search = guided_by(field)
@@ -379,7 +380,7 @@ def _filled(
         prices = prices._replace(rays=rays, ray_fares=prices.ray_fares[:DIRECTION_COUNT])
     while len(field.entries) < 4 * len(seeds.nodes):
         field.grow()
-    width = bucket_width(grid, grid.robot.price.edges())
+    width = bucket_width(grid)
     rule = FieldRule(tuple(_best(grid)), width, _turns_in_field(grid, query, region))
     before = (states.poses, states.edges, tuple(prices), allowed(region), tuple(seeds))
     ends = Ends(goal, grid.node(*query.start))
