@@ -274,7 +274,7 @@ def search_states(
         assert from_goal is not None
         until = 2 * expansions
         first = by_arcs and from_goal.expansions < AROUND_GOAL
-        spent += from_goal.go_on(max(by_arcs * AROUND_GOAL, int(CHECKED_SHARE * expansions)))
+        spent += from_goal.go_on(AROUND_GOAL if first else int(CHECKED_SHARE * expansions))
         if from_goal.code == EXHAUSTED:
             return _no_path(grid, spent + expansions, math.inf, from_goal.memory)
         if first and from_goal.last_metres is not None:
