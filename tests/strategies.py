@@ -121,12 +121,12 @@ def costs_on(level, source):
     for k, (down, right) in enumerate(zip(ROW_STEP, COL_STEP, strict=True)):
         here = np.flatnonzero((level.links >> k) & 1)
         there = here + down * grid.stride + right
-        pair = grid.weights[here].astype(float) + grid.weights[there]
+        pair = grid.weights[here] + grid.weights[there]
         cost = price.edges()[here, k] if price.directed else grid.model.step(int(k >= 4), pair)
         ways.append((here, there, cost))
     shape = (grid.rows + 2, grid.stride)
-    begin = (source[0] + 1, source[1] + 1)
-    return oracles.costs_from(oracles.possible(ways), shape, begin)[1:-1, 1:-1]
+    padded = oracles.costs_from(oracles.possible(ways), shape, np.add(source, 1))
+    return padded[1:-1, 1:-1]
 
 
 def scrambled(planner, seed):
