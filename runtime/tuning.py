@@ -57,10 +57,6 @@ DIRECTED_BUCKET_WIDTH = 1.0 / 1024.0
 """That of steps that cost by their slope, as all gentle ones cost nearly alike: on lunar
 terrain, 256², a search by ``energy`` expanded 4,200 cells (median) in place of 290,000, by
 ``tobler`` 5,300 in place of 19,000."""
-NEAREST_STOPS = 5
-"""Stops nearest each stop of a tour that one search of steps reaches, for the best order of exact
-paths.
-"""
 MOST_RATIO_FOR_LANDMARKS, MOST_RATIO_FOR_DSTAR = 1e6, 1e8
 """Of the dearest step to the cheapest. float32 rounds off a few cheap steps of a cost: with 1e15
 cells were expanded hundreds of times. D* Lite's keys are in order on paths of 20,000 dear steps."""

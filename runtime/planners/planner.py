@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from typing import TYPE_CHECKING, Unpack
 
 from nnpp_edge.runtime.arguments import checked
@@ -16,9 +15,8 @@ from nnpp_edge.runtime.options import PlannerOptions, PlanOptions
 from nnpp_edge.runtime.planners.on_map import OnMap, coarse_ground, one_at_a_time, split
 from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.planners.query import options_of
-from nnpp_edge.runtime.search.astar import Query, costs_to_nearest
+from nnpp_edge.runtime.search.astar import Query
 from nnpp_edge.runtime.stopwatch import Work
-from nnpp_edge.runtime.tuning import NEAREST_STOPS
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.planners.tour import Tour
@@ -172,21 +170,17 @@ class Planner(OnMap):
         from nnpp_edge.runtime.planners.tour import tour
 
         asked = options_of(**options)
-        grid = self._state.grid
         refining = self._frees(asked.get("refine"))
         deadline = Deadline.within(asked.get("time_limit_s", math.inf))
         between = [as_cell(cell, f"via {at}") for at, cell in enumerate(via, 1)]
         stops = [as_cell(start, "start"), *between, as_cell(goal, "goal")]
-        memory = self._methods.astar.workspace
-        nearest = partial(costs_to_nearest, grid, stops, NEAREST_STOPS, memory, deadline)
         found = tour(
             lambda begin, end, direction=-1: self._on_grid(
                 begin, end, asked, Work(), deadline, direction
             ),
             stops,
-            grid,
+            self._state.grid,
             best_order=best_order,
-            nearest=nearest if asked.get("method") == Method.ASTAR else None,
             finish=lambda leg: self._refined(leg, refining, deadline),
             deadline=deadline,
         )

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from nnpp_edge.runtime.arrays import Bool, Floats
+from nnpp_edge.runtime.arrays import Floats
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -32,7 +32,6 @@ _SUMMED = ("length", "line_cost", "lower_bound")
 PlanLeg = Callable[..., Plan]
 Order = tuple[int, ...]
 """Numbers of the places between, counted from 0 as they were given."""
-Nearest = Callable[[], tuple[Floats, Bool]]
 
 
 @dataclass(frozen=True)
@@ -66,7 +65,6 @@ def tour(
     grid: Grid,
     *,
     best_order: bool = False,
-    nearest: Nearest | None = None,
     finish: Callable[[Plan], Plan] = lambda leg: leg,
     deadline: Deadline = NEVER,
 ) -> Tour:
@@ -80,9 +78,6 @@ def tour(
     best_order : bool
         Visit the places between in the order that costs least, by what lies between each two stops.
         To turn at the stops costs a body more: the order given stays where it then costs less.
-    nearest : callable
-        Gives what the cheapest paths between the stops cost, (N, N), and of which that is known;
-        others cost at least as much. To be given where plans are the cheapest paths.
     finish : callable
         Applied to the plans of a whole tour's legs, and not to those that were made for the order
         alone.
@@ -106,7 +101,7 @@ def tour(
                 f"the best order is found of at most {MOST_ORDERED} places, got {count}"
             )
         with suppress(OutOfTimeError):
-            order, given_cost = legs.best_order(given, nearest, deadline)
+            order, given_cost = legs.best_order(given, deadline)
 
     def by(order: Order) -> Tour:
         found = legs.driven(order, finish)
@@ -174,9 +169,7 @@ class _Legs:
                 break
         return found
 
-    def best_order(
-        self, given: Order, nearest: Nearest | None, deadline: Deadline
-    ) -> tuple[Order, float]:
+    def best_order(self, given: Order, deadline: Deadline) -> tuple[Order, float]:
         """The cheapest order of the stops between the first and the last, and what the order given
         costs.
 
@@ -196,14 +189,6 @@ class _Legs:
                 for pair in (leg, leg[::-1])[: 1 + self._symmetric]:
                     costs[pair] = plan.cost
                     known[pair] = True
-            if nearest is not None:
-                found, here = nearest()
-                costs = np.where(known, costs, np.maximum(costs, found))
-                known = known | here
-                nearest = None
-                if self._symmetric:
-                    costs = np.maximum(costs, costs.T)
-                    known = known | known.T
             order, given_cost = _cheapest_order(costs, deadline)
             legs = [leg for leg in self.along(order) if not known[leg]]
         return order, given_cost

@@ -6,13 +6,13 @@ sharpen it.
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from nnpp_edge.runtime.arrays import Bool, Cells, Float2D, Floats, UInt8
+from nnpp_edge.runtime.arrays import Bool, Cells, Float2D, UInt8
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import Status
@@ -41,8 +41,6 @@ from nnpp_edge.runtime.tuning import (
 if TYPE_CHECKING:
     from nnpp_edge.runtime.map.grid import Grid
 
-_BETWEEN_LOOKS = 1 << 14
-"""Expansions after which is looked whether enough is known."""
 Parts = tuple[Any, ...]
 NOWHERE = 0
 """Of the border, which is impassable: the goal of a search that is to have none."""
@@ -217,29 +215,11 @@ def settle_all(
     """Search from a passable cell until nothing is left: the workspace then holds every cell's cost
     from there. OutOfTimeError at the deadline.
     """
-    for _ in _settling(grid, source, workspace, deadline=deadline):
-        pass
-
-
-def _settling(
-    grid: "Grid",
-    source: Cell,
-    workspace: Workspace,
-    most: int = WITHOUT_END,
-    deadline: Deadline = NEVER,
-) -> Iterator[float]:
-    """Search on, `most` expansions each time: the least cost that may yet fall, inf in the end; or
-    OutOfTimeError.
-    """
     search = grid.robot.moves.spreading(grid, workspace)
-    begin = grid.node(*source)
-    code = PAUSED
-    while code == PAUSED:
-        code, *_ = run(*search, Ends(begin, NOWHERE), workspace, most, deadline)
-        begin = ON
-        if code != EXHAUSTED:
-            deadline.check()
-        yield math.inf if code == EXHAUSTED else workspace.least_open
+    ends = Ends(grid.node(*source), NOWHERE)
+    code, *_ = run(*search, ends, workspace, WITHOUT_END, deadline)
+    if code != EXHAUSTED:
+        deadline.check()
 
 
 def cost_field(
@@ -251,34 +231,6 @@ def cost_field(
     settle_all(grid, source, workspace, deadline=deadline)
     field: Float2D = grid.inner(workspace.costs()) + grid.robot.price.worth(source)
     return field
-
-
-def costs_to_nearest(
-    grid: "Grid",
-    stops: Sequence[Cell],
-    count: int,
-    workspace: Workspace,
-    deadline: Deadline = NEVER,
-) -> tuple[Floats, Bool]:
-    """Costs of the cheapest paths from each of N passable cells, but the last, to so many of the
-    others.
-
-    Returns (N, N) float64, what a path from one to another costs, and (N, N) bool, whether that is
-    known; else it costs at least that. OutOfTimeError at the deadline.
-    """
-    nodes = np.array([grid.node(*stop) for stop in stops])
-    costs = np.zeros((len(stops), len(stops)))
-    known = np.eye(len(stops), dtype=np.bool_)
-    for at, stop in enumerate(stops[:-1]):
-        for within in _settling(grid, stop, workspace, most=_BETWEEN_LOOKS, deadline=deadline):
-            found = workspace.costs(nodes)
-            settled = found <= within * kernels.BELOW
-            if settled.sum() > count:  # the cell itself is one of them
-                break
-        costs[at] = np.where(settled, found, within)
-        costs[at] += [grid.robot.price.worth(stop, other) for other in stops]
-        known[at] |= settled | (within == math.inf)
-    return costs, known
 
 
 def rule_of(grid: "Grid", links: UInt8, hints: Hints | None = None) -> Rule:
