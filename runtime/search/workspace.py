@@ -116,14 +116,16 @@ class Workspace:
         came = words >> STAMP_SHIFT == self.stamp
         return bool(came[direction] if direction >= 0 and self.states > 1 else came.all())
 
-    def reached(self, deadline: Deadline = NEVER) -> Bool:
-        """(N,) nodes to which the newest search came, in any state. It pauses as searches do."""
+    def reached(self, nodes: Int64, deadline: Deadline = NEVER) -> Bool:
+        """(H, W) whether the newest search came to nodes, in any state; with pauses as in
+        searches.
+        """
         words = self.meta[1::2].reshape(-1, self.states)
-        found = np.empty(len(words), np.bool_)
-        step = _AT_ONCE // self.states
-        for first in range(0, len(words), step):
-            part = slice(first, first + step)
-            found[part] = (words[part] >> STAMP_SHIFT == self.stamp).any(1)
+        found = np.empty(nodes.shape, np.bool_)
+        rows = max(_AT_ONCE // (self.states * nodes.shape[1]), 1)
+        for first in range(0, len(nodes), rows):
+            part = slice(first, first + rows)
+            found[part] = words[nodes[part]].max(2) >> STAMP_SHIFT == self.stamp
             deadline.goes_on()
         return found
 

@@ -164,9 +164,6 @@ def test_memory_is_left_to_the_next_workspace_but_never_shared():
     assert not np.shares_memory(third.meta, Workspace(len(grid.weights)).meta)
 
 
-# --- what can be reached
-
-
 # --- the grid's weights
 
 

@@ -20,6 +20,7 @@ from nnpp_edge.runtime.robots.body.refusal import why_blocked, why_ended
 from nnpp_edge.runtime.robots.body.search import (
     FromGoal,
     States,
+    cells_reached,
     costs_of_cells,
     may_open,
     search_states,
@@ -207,10 +208,15 @@ class BodyMoves(CellMoves):
     def came_to(
         self, grid: "Grid", start: Cell, memory: Workspace, deadline: Deadline = NEVER
     ) -> tuple[Bool, bool]:
+        if memory.states == 1:
+            return super().came_to(grid, start, memory, deadline)[0], False
         node = grid.node(*start)
-        begun = memory.costs(slice(node, node + 1))[0] == 0.0
-        reached = grid.inner(memory.reached(deadline))
-        return reached, bool(memory.states > 1 and begun)
+        from_start = bool(memory.costs(slice(node, node + 1))[0] == 0.0)
+        begin = start
+        if not from_start:
+            assert self._from_goal is not None
+            begin = self._from_goal.query.goal
+        return cells_reached(grid, begin, memory, deadline), from_start
 
     may_open = staticmethod(may_open)
     costs_of_cells = staticmethod(costs_of_cells)

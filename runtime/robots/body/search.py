@@ -14,7 +14,7 @@ from weakref import proxy
 import numpy as np
 
 from nnpp_edge.runtime.arrays import Bool, Float32s, Int64
-from nnpp_edge.runtime.cells import Cell, Rectangle, widened
+from nnpp_edge.runtime.cells import Cell, Rectangle, slices, widened
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels import expansion as kernels
@@ -169,21 +169,15 @@ class FromGoal:
         """
         grid = self._grid
         memory = self.memory
-        # they lie in a rectangle around the goal
-        moves = grid.robot.states().prices.moves
-        reach = int(memory.least_open / grid.prices[0])
-        reach += 2 * int(np.abs(moves[..., [DOWN, RIGHT]]).max())
-        nodes = grid.nodes(widened((*self.query.goal, 1, 1), (reach, reach), grid.shape)).ravel()
-        # g and word of each state, of the cells to which it came
+        reached = cells_reached(grid, self.query.goal, memory, self.query.deadline)
+        if reached[self.query.start]:
+            return None
+        nodes = grid.nodes((0, 0, *grid.shape))[reached]
+        # g and word of each state of these cells
         found = memory.meta.reshape(-1, 2 * memory.states)[nodes]
         came = found[:, 1::2] >> STAMP_SHIFT == memory.stamp
-        inside = came.any(1)
-        nodes = nodes[inside]
-        if self._ends.goal in nodes:
-            return None
-        came = came[inside]
-        waits = found[inside, 1::2] & OPEN_BIT > 0
-        g = found.view(np.float32)[inside, ::2]
+        waits = found[:, 1::2] & OPEN_BIT > 0
+        g = found.view(np.float32)[:, ::2]
         begun, within = (
             _least_of(nodes, np.where(came & chosen, g, np.float32(np.inf)))
             for chosen in (waits, ~waits)
@@ -200,6 +194,22 @@ def _least_of(nodes: Int64, costs: Float32s) -> Seeds:
     least = costs.min(1)
     found = least < np.inf
     return Seeds(nodes[found].astype(np.int32), least[found], onwards[found].astype(np.int32))
+
+
+def cells_reached(grid: "Grid", begin: Cell, memory: Workspace, deadline: Deadline) -> Bool:
+    """(H, W) cells to which a search of states came that began in one. It pauses as searches do."""
+    moves = grid.robot.states().prices.moves
+    most = int(np.abs(moves[..., [DOWN, RIGHT]]).max())
+    reached = np.zeros(grid.shape, np.bool_)
+    here = (*begin, 1, 1)
+    radius = most
+    while True:
+        part = widened(here, (most + radius, most + radius), grid.shape)
+        reached[slices(part)] = memory.reached(grid.nodes(part), deadline)
+        inside = slices(widened(here, (radius, radius), grid.shape))
+        if reached.sum() == reached[inside].sum():  # no primitive leads further than `most`
+            return reached
+        radius *= 2
 
 
 def search_states(
