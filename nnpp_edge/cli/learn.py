@@ -127,7 +127,8 @@ def _compared(
 ) -> str:
     """The network beside other planners on the stripe, in words; figures in a file beside it."""
     from nnpp_edge.profiling.evaluate import evaluate, evaluated
-    from nnpp_edge.profiling.rivals import EXACT, RivalPlanner, controls, exact_and
+    from nnpp_edge.profiling.quantities import EXACT
+    from nnpp_edge.profiling.rivals import RivalPlanner, controls, exact_and
     from nnpp_edge.profiling.suites import terrain_cases
     from nnpp_edge.profiling.worth import beside, verdict
     from nnpp_edge.progress import bar

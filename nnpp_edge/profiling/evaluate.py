@@ -5,7 +5,8 @@ from functools import partial
 
 from nnpp_edge.outcome import outcome
 from nnpp_edge.profiling.contest import Harness, RivalCalls, answer
-from nnpp_edge.profiling.rivals import EXACT, Answers, OnMap, RivalPlanner
+from nnpp_edge.profiling.quantities import EXACT
+from nnpp_edge.profiling.rivals import Answers, OnMap, RivalPlanner
 from nnpp_edge.profiling.rows import Facts, Row, Rows
 from nnpp_edge.profiling.suites import Case, solvable
 from nnpp_edge.progress import Progress, ignore

@@ -14,7 +14,8 @@ from nnpp_edge.profiling.inference import inference_ms
 from nnpp_edge.profiling.machine import Disturbance
 from nnpp_edge.profiling.plain_astar import build_graph, search
 from nnpp_edge.profiling.profile_file import SAMPLE, Device, Load, Networks, Profile
-from nnpp_edge.profiling.rivals import EXACT, OnMap, RivalPlanner
+from nnpp_edge.profiling.quantities import EXACT
+from nnpp_edge.profiling.rivals import OnMap, RivalPlanner
 from nnpp_edge.profiling.rows import Row, Rows
 from nnpp_edge.profiling.sensors import Sensors
 from nnpp_edge.profiling.suites import (
@@ -119,8 +120,9 @@ class Run:
         """Of each planner to each ``query`` of a ``workload`` and ``size``, in each ``half``:
         figures as of `contest.answer`, ``stages_ms`` and, where they were measured,
         ``inference_ms`` of the whole network on map and query right after a plan (and ``fp32_ms``
-        of the same network in fp32), ``map_ms`` from elevations to the path, ``patch_ms`` of a
-        patch on that path, and ``plain_ms`` of an A* in plain Python."""
+        of the same network in fp32), ``map_ms`` from elevations to the path (by
+        exact A* ``exact_map_ms``), ``patch_ms`` of a patch on that path, and ``plain_ms`` of an A*
+        in plain Python."""
         self.reactions = Rows()
         """Answers of the onboard loop."""
         self.disturbance = [Disturbance(cores) for _ in range(HALVES)]
@@ -203,6 +205,10 @@ class Run:
                 times = [arrive(query) for _ in range(self._profile.load.repeats)]
                 map_ms, patch_ms = np.median(times, axis=0).tolist()
                 answers[name] |= {"map_ms": map_ms, "patch_ms": patch_ms}
+        for answers in rows:
+            if "map_ms" in answers[EXACT]:
+                for row in answers.values():
+                    row["exact_map_ms"] = answers[EXACT]["map_ms"]
 
 
 Calls = RivalCalls[Endpoints, Plan]

@@ -9,7 +9,7 @@ import msgspec
 from msgspec import Meta
 from msgspec.structs import asdict, replace
 
-from nnpp_edge.profiling.quantities import QUANTITIES, THOUSANDTH
+from nnpp_edge.profiling.quantities import EXACT, QUANTITIES, THOUSANDTH
 from nnpp_edge.profiling.rows import Facts
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.settings import Core, OnboardLoop
@@ -168,8 +168,9 @@ class Profile(Table, frozen=True):
     @property
     def arriving(self) -> frozenset[str]:
         """The planners that are also measured on maps and patches that have just arrived."""
-        asked = {each.planner for each in self.budgets if each.basis in ("map", "patch")}
-        return frozenset({self.planner, *asked})
+        of_maps = [each for each in self.budgets if each.basis in ("map", "map_ratio", "patch")]
+        exact = {EXACT for each in of_maps if each.basis == "map_ratio"}
+        return frozenset({self.planner, *exact, *(each.planner for each in of_maps)})
 
     def measured_at(self, basis: str) -> frozenset[tuple[str, int]]:
         """Workloads and sizes at which a budget asks for quantities of this basis."""

@@ -9,6 +9,8 @@ from typing import NamedTuple
 
 from nnpp_edge.profiling.rows import Rows
 
+EXACT = "astar"
+"""The rival that all others are compared with."""
 Figure = Callable[[Rows], float | None]
 """None where nothing was measured."""
 
@@ -53,6 +55,7 @@ _FIGURES: dict[str, Figure] = {
     "inference_fps": partial(_rate, "inference_ms"),
     "map_fps": partial(_rate, "map_ms"),
     "speedup_total": methodcaller("ratio", "exact_ms", "time_ms"),
+    "speedup_map": methodcaller("ratio", "exact_map_ms", "map_ms"),
     "speedup_plain": methodcaller("ratio", "plain_ms", "time_ms"),
     "int8_speedup": _int8_speedup,
     "cc_excess": methodcaller("increase"),
@@ -66,12 +69,13 @@ BASES: dict[str, Figure] = {
     "patch": methodcaller("figure", "patch_ms_median"),
     "inference": methodcaller("figure", "inference_ms_median"),
     "ratio": methodcaller("figure", "speedup_median"),
+    "map_ratio": _FIGURES["speedup_map"],
     "plain_ratio": _FIGURES["speedup_plain"],
     "int8_ratio": _int8_speedup,
 }
 """Figures that the halves of a run must agree in: ``ratio`` of exact A*'s time to the planner's,
-``plain_ratio`` of that of an A* in plain Python, ``int8_ratio`` of the fp32 network's to the int8
-network's.
+``map_ratio`` the same on maps that have just arrived, ``plain_ratio`` of that of an A* in plain
+Python, ``int8_ratio`` of the fp32 network's to the int8 network's.
 """
 _TABLE = """
 fps                 | 1/s | time        | row
@@ -92,6 +96,7 @@ reaction_ms_p999    | ms  | reaction    | spread, loop
 late_per_hour       | 1/h | reaction    | loop
 speedup_median      | x   | ratio       | row
 speedup_total       | x   | ratio       | row
+speedup_map         | x   | map_ratio   | row
 speedup_plain       | x   | plain_ratio | row
 int8_speedup        | x   | int8_ratio  | row
 gap_mean            | %   |             | row

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
 
+from nnpp_edge.profiling.quantities import EXACT
 from nnpp_edge.profiling.suites import Case
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.map.ground import Ground
@@ -16,10 +17,6 @@ from nnpp_edge.runtime.search.astar import Query
 from nnpp_edge.runtime.stopwatch import Work
 from nnpp_edge.runtime.terrain.step_cost import PAPER_OMEGA
 from nnpp_edge.runtime.tuning import LEARNED_CORRIDOR, WIDENED_CORRIDOR, CorridorWidth
-
-EXACT = "astar"
-"""The rival that all others are compared with."""
-
 
 Answers = Callable[..., Plan]
 """A rival on one map: its plan for a query; `keep_regions` as of `Planner.plan`."""

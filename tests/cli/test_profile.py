@@ -51,6 +51,7 @@ DESCRIBED = Path(__file__).parents[2].joinpath("docs", "reference", "figures.md"
 ARRIVALS = """
   { name = "first path", quantity = "map_ms", limit = 1e6, direction = "at most", unit = "ms" },
   { name = "late", planner = "astar", quantity = "patch_ms_p99", limit = 1e-6, direction = "at most", unit = "ms" },
+  { name = "fresh", quantity = "speedup_map", limit = 1e-6, direction = "at least", unit = "x" },
   { name = "reaction", quantity = "reaction_ms", limit = 1e6, direction = "at most", unit = "ms", workload = "soft" },
 ]
 """
@@ -126,11 +127,12 @@ def test_the_clock_starts_at_the_elevations(run, profile):
     text = Path("report.md").read_text()
     lines = [
         f"{line['name']} {line['planner']} {line['workload']} {line['verdict']}"
-        for line in told["budgets"][-5:]
+        for line in told["budgets"][-7:]
     ]
     assert lines == [
         *("first path nnpp soft pass", "first path nnpp limit20 pass"),
-        *("late astar soft fail", "late astar limit20 fail", "reaction loop soft pass"),
+        *("late astar soft fail", "late astar limit20 fail"),
+        *("fresh nnpp soft pass", "fresh nnpp limit20 pass", "reaction loop soft pass"),
     ]
     (row,) = told["loop"]
     assert (row["rate_hz"], row["patch_side"]) == (200.0, 16)
@@ -142,8 +144,10 @@ def test_the_clock_starts_at_the_elevations(run, profile):
     assert "from a patch's arrival to the checked path\n\n| workload |" in text
     for row in told["results"]:
         asked = row["planner"] in ("nnpp", "astar")
-        for key, basis in (("map_ms", "map"), ("patch_ms", "patch")):
+        of_maps = {"map_ms": "map", "patch_ms": "patch", "speedup_map": "map_ratio"}
+        for key, basis in of_maps.items():
             assert (row[key] is not None) == (basis in row["halves"]) == asked
+        assert (row["speedup_map"] == 1.0) == (row["planner"] == "astar")
         del row["map_ms"]
     Path("older.json").write_text(json.dumps(told))
     assert run("profile compare older.json report.json").code == 0

@@ -113,10 +113,12 @@ def test_the_loop_is_run_where_a_budget_asks_for_its_reactions(write_toml):
     budgets = """budgets = [
   { name = "react", quantity = "reaction_ms", limit = 3, direction = "at most", unit = "ms", size = 64 },
   { name = "map", quantity = "map_ms_p99", limit = 3, direction = "at most", unit = "ms", planner = "nnpp" },
+  { name = "fresh", quantity = "speedup_map", limit = 3, direction = "at least", unit = "x" },
 """
     profile = read_profile(write_toml(GOOD.replace("budgets = [\n", budgets)))
     assert profile.budgets[0].planner == "loop"
     assert profile.measured_at("reaction") == {("soft", 64)} and profile.arriving == {
+        "astar",
         "corridor",
         "nnpp",
     }
