@@ -13,6 +13,7 @@ from numpy import float32, float64, inf, int64, uint64
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.compiled.kernel import helper, inlined, kernel
+from nnpp_edge.runtime.kernels.by_address import blank
 from nnpp_edge.runtime.kernels.clock import late
 from nnpp_edge.runtime.kernels.nodes import (
     COL_STEP,
@@ -73,8 +74,7 @@ _LOOK_EVERY = 1024
 NO_HINTS = tuple(
     Hints(np.empty((0, MOST_LANDMARKS), float32), np.empty(MOST_LANDMARKS, float32), 0.0)
 )
-_NO_BLOCKS = np.empty(0, np.int32)
-NO_REGION = tuple(RegionRecord(np.empty((0, 0), np.int32), _NO_BLOCKS, _NO_BLOCKS, 0))
+NO_REGION = tuple(blank(RegionRecord))
 """Of a search without these: a flag, where None would compile another search."""
 BELOW = 1.0 - 1e-6
 """Nodes that promise an improvement smaller than g's rounding are left alone."""

@@ -208,7 +208,7 @@ class RegionRecord(NamedTuple):
     ``bitmap[row_block[row], col_block[col]] == stamp``. An empty bitmap stands for the whole map.
     """
 
-    bitmap: Int32s
+    bitmap: Annotated[Int32s, 2]
     """(I, J) the number that each block was marked with last."""
     row_block: Int32s
     """(H,) row of the bitmap for each row of the map."""
@@ -815,7 +815,7 @@ class Field(NamedTuple):
     """Where it was to end, the start, within the border."""
     floor: float
     """What it costs from there."""
-    between: Floats
+    between: Annotated[Floats, 2]
     """As of the rule that it was filled by."""
 
 

@@ -208,15 +208,12 @@ class BodyMoves(CellMoves):
     def came_to(
         self, grid: "Grid", start: Cell, memory: Workspace, deadline: Deadline = NEVER
     ) -> tuple[Bool, bool]:
+        from_goal = self._from_goal
         if memory.states == 1:
             return super().came_to(grid, start, memory, deadline)[0], False
-        node = grid.node(*start)
-        from_start = bool(memory.costs(slice(node, node + 1))[0] == 0.0)
-        begin = start
-        if not from_start:
-            assert self._from_goal is not None
-            begin = self._from_goal.query.goal
-        return cells_reached(grid, begin, memory, deadline), from_start
+        if from_goal is not None and memory is from_goal.memory:
+            return cells_reached(grid, from_goal.query.goal, memory, deadline), False
+        return cells_reached(grid, start, memory, deadline), True
 
     may_open = staticmethod(may_open)
     costs_of_cells = staticmethod(costs_of_cells)

@@ -18,6 +18,7 @@ from nnpp_edge.runtime.cells import Cell, Rectangle, slices, widened
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels import expansion as kernels
+from nnpp_edge.runtime.kernels.by_address import blank
 from nnpp_edge.runtime.kernels.lattice import (
     DIRECTION_COUNT,
     KNIGHT,
@@ -79,8 +80,7 @@ from nnpp_edge.runtime.tuning import (
 if TYPE_CHECKING:
     from nnpp_edge.runtime.map.grid import Grid
 
-_NO_COSTS = np.empty((0, 0), np.float32)
-NO_FIELD = Field(np.empty(0, np.float32), np.empty(0, np.int32), 0, 0, 0, 0.0, _NO_COSTS)
+NO_FIELD: Field = blank(Field)  # type: ignore[no-untyped-call]  # as all of `kernels`
 """Of a search that nothing guides."""
 
 
@@ -268,9 +268,15 @@ def search_states(
             more = min(more, DOUBTED_EVERY)
         found = run(*search, onwards, workspace, more, query.deadline)
         code, length, expansions, refused = found
+        if code == EXHAUSTED and refused == math.inf:
+            return _no_path(grid, spent + expansions, math.inf, workspace)
         if code == EXHAUSTED:
-            beyond = math.inf if refused == math.inf else at_least
-            return _no_path(grid, spent + expansions, beyond, workspace)
+            # another region may take as long: does no way lead out of the goal?
+            if from_goal is not None and from_goal.expansions >= AROUND_GOAL:
+                spent += from_goal.go_on(expansions // 2)
+                if from_goal.code == EXHAUSTED:
+                    return _no_path(grid, spent + expansions, math.inf, from_goal.memory)
+            return _no_path(grid, spent + expansions, at_least, workspace)
         if code == FOUND or expansions >= most or query.deadline.passed:
             path = _traced(grid, workspace, code, length)
             return path._replace(expansions=spent + expansions, refused_f=at_least)
