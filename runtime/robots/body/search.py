@@ -206,8 +206,8 @@ def cells_reached(grid: "Grid", begin: Cell, memory: Workspace, deadline: Deadli
     while True:
         part = widened(here, (most + radius, most + radius), grid.shape)
         reached[slices(part)] = memory.reached(grid.nodes(part), deadline)
-        inside = slices(widened(here, (radius, radius), grid.shape))
-        if reached.sum() == reached[inside].sum():  # no primitive leads further than `most`
+        # no primitive leads further than `most`: are all within the rim?
+        if reached.sum() == reached[slices(widened(here, (radius, radius), grid.shape))].sum():
             return reached
         radius *= 2
 
