@@ -55,13 +55,13 @@ def table(rows: Sequence[Row], shown_as: Columns, *, markdown: bool = False) -> 
     from rich.table import Table
 
     grid = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    place: object = None
+    place = list[object]()
     for at, title in enumerate(shown_as):
         grid.add_column(title, justify="left" if at < 3 else "right", no_wrap=True)
     for row, cells in zip(rows, body, strict=True):
         before = place
-        place = [row.get(key) for key in _PLACE]
-        if "verdict" not in row and before not in (None, place):  # budgets stand close
+        place = [row.get(key) for key in _PLACE if key in shown_as]
+        if before not in ([], place):
             grid.add_section()
         grid.add_row(*cells)
     console = Console(file=(out := io.StringIO()), width=200, markup=False, emoji=False)

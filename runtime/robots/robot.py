@@ -276,7 +276,7 @@ class CellMoves:
         """Cells (H, W) to which the search came that has just found no path on the whole map, and
         whether from the start; else from the goal.
         """
-        return memory.reached(grid.nodes((0, 0, *grid.shape)), deadline), True
+        return memory.reached(grid.rows, deadline), True
 
     def may_open(self, grid: "Grid", query: Query, memory: Workspace, part: Rectangle) -> bool:
         """Whether a way out of the places that a search came to, which found no path for a query,

@@ -216,8 +216,7 @@ def settle_all(
     from there. OutOfTimeError at the deadline.
     """
     search = grid.robot.moves.spreading(grid, workspace)
-    ends = Ends(grid.node(*source), NOWHERE)
-    code, *_ = run(*search, ends, workspace, WITHOUT_END, deadline)
+    code, *_ = run(*search, Ends(grid.node(*source), NOWHERE), workspace, WITHOUT_END, deadline)
     if code != EXHAUSTED:
         deadline.check()
 

@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from nnpp_edge.runtime.arrays import Bool, Float32s, Int32, Int64
-from nnpp_edge.runtime.deadline import NEVER, Deadline
+from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.kernels.nodes import STAMP_SHIFT, next_stamp
 from nnpp_edge.runtime.kernels.open_list import BUCKETS, FINE
 from nnpp_edge.runtime.kernels.records import (
@@ -116,16 +116,19 @@ class Workspace:
         came = words >> STAMP_SHIFT == self.stamp
         return bool(came[direction] if direction >= 0 and self.states > 1 else came.all())
 
-    def reached(self, nodes: Int64, deadline: Deadline = NEVER) -> Bool:
-        """(H, W) whether the newest search came to nodes, in any state; with pauses as in
-        searches.
+    def reached(
+        self, rows: int, deadline: Deadline, part: tuple[slice, slice] = np.s_[:, :]
+    ) -> Bool:
+        """(h, w) cells of a part of a map of so many rows, by default all of it, to which the
+        newest search came, in any state. It pauses as searches do.
         """
-        words = self.meta[1::2].reshape(-1, self.states)
-        found = np.empty(nodes.shape, np.bool_)
-        rows = max(_AT_ONCE // (self.states * nodes.shape[1]), 1)
-        for first in range(0, len(nodes), rows):
-            part = slice(first, first + rows)
-            found[part] = words[nodes[part]].max(2) >> STAMP_SHIFT == self.stamp
+        padded = self.meta[1::2].reshape(rows + 2, -1, self.states)
+        words = padded[1:-1, 1:-1][part]
+        found = np.empty(words.shape[:2], np.bool_)
+        step = max(_AT_ONCE // words[0].size, 1)
+        for first in range(0, len(words), step):
+            stripe = slice(first, first + step)
+            found[stripe] = words[stripe].max(2) >> STAMP_SHIFT == self.stamp
             deadline.goes_on()
         return found
 

@@ -23,17 +23,11 @@ from nnpp_edge.runtime import (
     Source,
     Vehicle,
 )
-from nnpp_edge.runtime.deadline import NEVER
 from nnpp_edge.runtime.errors import Status
-from nnpp_edge.runtime.kernels.nodes import STAMP_SHIFT
 from nnpp_edge.runtime.kernels.poses import AXIS_COUNT
-from nnpp_edge.runtime.kernels.records import Ends
 from nnpp_edge.runtime.planners import joining
 from nnpp_edge.runtime.planners.standing_path import StandingPath
 from nnpp_edge.runtime.robots.body.primitives import primitives
-from nnpp_edge.runtime.robots.body.search import cells_reached
-from nnpp_edge.runtime.search.astar import NOWHERE, run
-from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.terrain.dem import sample_dem
 from tests import pose_oracles
 from tests.pose_oracles import bend, rocks
@@ -65,17 +59,6 @@ def best_cost(dem, start, heading, goal, vehicle=CAR, to_heading=None):
     """Of the whole map, searched by a new planner."""
     ends = {"start_heading_deg": heading, "goal_heading_deg": to_heading}
     return planner(dem, vehicle).plan(start, goal, method="astar", **ends).cost
-
-
-def test_all_cells_that_a_search_of_states_came_to_are_found():
-    grid = planner(np.zeros((70, 90), np.float32)).state.grid
-    memory = Workspace(72 * 92, 32)
-    search = grid.robot.moves.spreading(grid, memory)
-    for most in (9, 2000):
-        run(*search, Ends(grid.node(50, 12), NOWHERE), memory, most, NEVER)
-        words = memory.meta[1::2].reshape(-1, 32) >> STAMP_SHIFT
-        came = grid.inner((words == memory.stamp).any(1))
-        assert (cells_reached(grid, (50, 12), memory, NEVER) == came).all()
 
 
 def driven(plan, every_m=0.02):

@@ -241,19 +241,25 @@ def test_auto_takes_the_corridor_where_the_network_s_regions_hold_no_path(monkey
     assert (asked.method, asked.source) == ("nnpp", "fallback")
 
 
-def test_a_planner_tells_what_the_search_came_to_that_found_no_path():
+@pytest.mark.parametrize("wall", [50, 8])
+def test_a_planner_tells_what_the_search_came_to_that_found_no_path(wall):
     cost = free(60, 60)
-    cost[:, 8] = np.inf
+    cost[:, wall] = np.inf
     planner = Planner(cost)
     assert planner.plan((30, 2), (30, 58), method="astar").status == "NO_PATH"
     cells, from_start = planner.came_to((30, 2))
-    assert from_start and cells[:, :8].all() and not cells[:, 8:].any()
-    heights = np.full((60, 60), 5.0, np.float32)
-    heights[:, :8] = heights[26:35, 51:] = 0.0
+    assert from_start and cells[:, :wall].all() and not cells[:, wall:].any()
+    heights = np.where(np.isinf(cost), 5.0, 0.0).astype(np.float32)
+    body = Planner.of_elevation(heights, 0.5, vehicle=Vehicle(1.0, 0.8, 0.3))
+    assert body.plan((30, 3), (30, 55), method="astar").status == "NO_PATH"
+    cells, from_start = body.came_to((30, 3))
+    assert cells[30, 55] and not from_start and not cells[:, : wall + 1].any()
+    heights[:, wall:] = 5.0  # but for a pocket
+    heights[26:35, 51:] = 0.0
     car = Planner.of_elevation(heights, 0.5, vehicle=Vehicle(1.0, 0.8, 0.3, turning_radius_m=1.0))
     assert car.plan((30, 3), (30, 55), method="astar").status == "NO_PATH"
     cells, from_start = car.came_to((30, 3))
-    assert cells[30, 55] and not from_start and not cells[:, :9].any()
+    assert cells[30, 55] and not from_start and not cells[:, :51].any()
 
 
 def test_a_brief_search_gives_up_after_its_expansions():

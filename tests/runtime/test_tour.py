@@ -2,6 +2,7 @@
 joined.
 """
 
+import itertools
 import math
 from dataclasses import replace
 
@@ -75,10 +76,15 @@ def test_a_leg_that_has_no_path_is_named():
     cost = flat(40, 40, 0.2)
     cost[:, 20] = np.inf
     planner = Planner(cost)
-    for best_order in (False, True):
-        found = planner.plan_via((1, 1), (30, 5), [(5, 5), (9, 30)], best_order=best_order)
+    for method, best_order in itertools.product(("astar", "corridor"), (False, True)):
+        found = planner.plan_via(
+            (1, 1), (30, 5), [(5, 5), (9, 30)], method=method, best_order=best_order
+        )
         assert found.plan.status is Status.NO_PATH and not len(found.plan.path)
-        assert found.plan.reason.startswith("leg 2 of 3, from (5, 5) to (9, 30): no path exists")
+        assert (
+            found.plan.reason
+            == "leg 2 of 3, from (5, 5) to (9, 30): no path exists on the known map"
+        )
         assert found.plan.cost == math.inf and [leg.ok for leg in found.legs] == [True, False]
         found = planner.plan_via((1, 1), (7, 20), [(2, 2)], best_order=best_order)
         assert (found.plan.status, found.plan.source) == (Status.GOAL_BLOCKED, None)

@@ -210,8 +210,8 @@ class BodyMoves(CellMoves):
     ) -> tuple[Bool, bool]:
         from_goal = self._from_goal
         if memory.states == 1:
-            return super().came_to(grid, start, memory, deadline)[0], False
-        if from_goal is not None and memory is from_goal.memory:
+            return memory.reached(grid.rows, deadline), False
+        if from_goal and memory is from_goal.memory:
             return cells_reached(grid, from_goal.query.goal, memory, deadline), False
         return cells_reached(grid, start, memory, deadline), True
 

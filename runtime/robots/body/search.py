@@ -73,6 +73,7 @@ from nnpp_edge.runtime.tuning import (
     LATE_IN_REGION,
     LATE_ON_MAP,
     MOST_ABOVE_FIELD,
+    PROOF_SHARE,
     REOPENED_WITHIN,
     RISEN,
 )
@@ -167,12 +168,11 @@ class FromGoal:
         """Least costs of the cells that it came to: of those where it stopped, from which all ways
         lead on to the goal, and of those within; None where the start is one of them.
         """
-        grid = self._grid
         memory = self.memory
-        reached = cells_reached(grid, self.query.goal, memory, self.query.deadline)
+        reached = cells_reached(self._grid, self.query.goal, memory, self.query.deadline)
         if reached[self.query.start]:
             return None
-        nodes = grid.nodes((0, 0, *grid.shape))[reached]
+        nodes = np.flatnonzero(np.pad(reached, 1))
         # g and word of each state of these cells
         found = memory.meta.reshape(-1, 2 * memory.states)[nodes]
         came = found[:, 1::2] >> STAMP_SHIFT == memory.stamp
@@ -198,14 +198,13 @@ def _least_of(nodes: Int64, costs: Float32s) -> Seeds:
 
 def cells_reached(grid: "Grid", begin: Cell, memory: Workspace, deadline: Deadline) -> Bool:
     """(H, W) cells to which a search of states came that began in one. It pauses as searches do."""
-    moves = grid.robot.states().prices.moves
-    most = int(np.abs(moves[..., [DOWN, RIGHT]]).max())
+    most = int(np.abs(grid.robot.states().prices.moves[..., [DOWN, RIGHT]]).max())
     reached = np.zeros(grid.shape, np.bool_)
     here = (*begin, 1, 1)
     radius = most
     while True:
-        part = widened(here, (most + radius, most + radius), grid.shape)
-        reached[slices(part)] = memory.reached(grid.nodes(part), deadline)
+        part = slices(widened(here, (most + radius, most + radius), grid.shape))
+        reached[part] = memory.reached(grid.rows, deadline, part)
         # no primitive leads further than `most`: are all within the rim?
         if reached.sum() == reached[slices(widened(here, (radius, radius), grid.shape))].sum():
             return reached
@@ -268,15 +267,14 @@ def search_states(
             more = min(more, DOUBTED_EVERY)
         found = run(*search, onwards, workspace, more, query.deadline)
         code, length, expansions, refused = found
-        if code == EXHAUSTED and refused == math.inf:
-            return _no_path(grid, spent + expansions, math.inf, workspace)
         if code == EXHAUSTED:
+            beyond = math.inf if refused == math.inf else at_least
             # another region may take as long: does no way lead out of the goal?
-            if from_goal is not None and from_goal.expansions >= AROUND_GOAL:
-                spent += from_goal.go_on(expansions // 2)
+            if beyond < math.inf and from_goal and from_goal.expansions >= AROUND_GOAL:
+                spent += from_goal.go_on(int(PROOF_SHARE * expansions))
                 if from_goal.code == EXHAUSTED:
                     return _no_path(grid, spent + expansions, math.inf, from_goal.memory)
-            return _no_path(grid, spent + expansions, at_least, workspace)
+            return _no_path(grid, spent + expansions, beyond, workspace)
         if code == FOUND or expansions >= most or query.deadline.passed:
             path = _traced(grid, workspace, code, length)
             return path._replace(expansions=spent + expansions, refused_f=at_least)
